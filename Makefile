@@ -1,0 +1,56 @@
+# Two commands for a newcomer: `make serve` and `make test`. Both set up what they need, once.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export NUMBA_CACHE_DIR ?= $(CURDIR)/.cache/numba
+
+.PHONY: help setup serve test lint types lock generate bench clean
+
+help:  ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
+
+setup: $(VENV)/.ready  ## create .venv and install the locked packages
+
+# `make UV=0 …` uses pip alone; slower, and needs nothing but pip.
+$(VENV)/.ready: pyproject.toml requirements.lock
+	@echo "setup: installing the locked packages into $(VENV) (once; later runs work offline)"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+ifeq ($(UV),0)
+	@$(BIN)/pip install -q --require-hashes -r requirements.lock
+	@$(BIN)/pip install -q hatchling
+	@$(BIN)/pip install -q --no-deps --no-build-isolation -e .
+else
+	@$(BIN)/pip install -q uv
+	@$(BIN)/uv pip install -q --python $(BIN)/python --require-hashes -r requirements.lock
+	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps -e .
+endif
+	@touch $@
+
+serve: setup  ## start the server on 127.0.0.1:8000 (ADVERB_PORT, ADVERB_DATA, … are honoured)
+	@exec $(BIN)/adverb serve
+
+test: setup  ## run the whole test suite
+	@$(BIN)/python -m pytest -n 2
+
+lint: setup  ## style, imports, architecture, lock files
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/lint-imports --no-cache
+	@! grep -n '://' requirements.lock requirements.runtime.lock || (echo "lock files must name no address" && false)
+
+types: setup  ## mypy --strict
+	@$(BIN)/mypy
+
+lock: setup  ## resolve the newest allowed versions into the lock files
+	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group dev pyproject.toml -o requirements.lock
+	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes pyproject.toml -o requirements.runtime.lock
+
+generate: setup  ## rewrite generated files: openapi.json, built-in verbs
+	@$(BIN)/python -m verbs.library.author
+	@$(BIN)/python -m service.openapi
+
+bench: setup  ## measure speed; prints ratios in one run
+	@$(BIN)/python -m benchmarks
+
+clean:  ## remove what make made
+	rm -rf $(VENV) .cache build dist

@@ -1,0 +1,31 @@
+"""The one place that states units, axes and orders; everything else follows it.
+
+- Right-handed; +Y up, +Z forward, +X to the left of who faces +Z. This is glTF's convention.
+- Metres, seconds, radians. Degrees and centimetres end in :mod:`verbs.io`.
+- Quaternions are (x, y, z, w), unit, local to the parent unless a name says ``global``.
+- Parents stand before their children; the root is joint 0 and its parent is -1.
+- Batch axes lead: rotations are (..., joints, 4), positions (..., joints, 3).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.floating[Any]]
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+MAX_JOINTS = 1_000
+MAX_FRAMES = 200_000
+MAX_FILE_BYTES = 256 * 1024 * 1024
+MAX_EXAMPLES = 2_000
+MAX_ADVERBS = 16
+MAX_KEYTIMES = 64
+MAX_KEYS = 8_192
+"""Canonical samples of one verb: 8,192 keys are 2 minutes at 60 Hz."""
+
+METRES_PER_UNIT = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}

@@ -1,0 +1,120 @@
+"""Everything that can go wrong in the library, in one tree.
+
+::
+
+    VerbError
+    ├── MotionFileError      a motion file is not what it claims to be (path, line, expected, found)
+    ├── SourceError          a verb source folder or its verb.toml is wrong (path, example, advice)
+    ├── SkeletonMismatch     two motions or verbs do not share one skeleton
+    ├── IllPosedVerb         the examples do not determine a verb (duplicates, too few, collinear)
+    ├── RequestError         an evaluation was asked for something that it cannot give
+    │   ├── UnknownName      a verb, adverb, joint, method that does not exist (name, known)
+    │   └── OutOfRange       a number that is not finite or not inside its bounds
+    └── ArtifactError        a .verb file cannot be used (path)
+        ├── ArtifactVersionError   it was written by a newer Adverb
+        └── ArtifactCorrupt        its bytes are not a valid verb
+
+The library raises these and nothing else for bad input; the service maps each to a status in one table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+__all__ = [
+    "ArtifactCorrupt",
+    "ArtifactError",
+    "ArtifactVersionError",
+    "IllPosedVerb",
+    "MotionFileError",
+    "OutOfRange",
+    "RequestError",
+    "SkeletonMismatch",
+    "SourceError",
+    "UnknownName",
+    "VerbError",
+]
+
+
+class VerbError(Exception):
+    """Root of every error that this library raises for bad input."""
+
+
+class MotionFileError(VerbError):
+    """A motion file is not what it claims to be.
+
+    Attributes
+    ----------
+    path : str
+        The file, or ``"<text>"`` where the motion came from memory.
+    line : int or None
+        1-based line of the first thing that is wrong.
+    expected, found : str
+        What the format asks for there, and what stands there.
+    """
+
+    def __init__(self, path: str | Path, line: int | None, expected: str, found: str) -> None:
+        self.path, self.line, self.expected, self.found = str(path), line, expected, found
+        where = f"{path}:{line}" if line is not None else f"{path}"
+        super().__init__(f"{where}: expected {expected}, found {found}")
+
+
+class SourceError(VerbError):
+    """A verb source is wrong; the message names the place and what to do about it."""
+
+    def __init__(self, path: str | Path, problem: str, *, example: str | None = None) -> None:
+        self.path, self.problem, self.example = str(path), problem, example
+        where = f"{path}, example '{example}'" if example else f"{path}"
+        super().__init__(f"{where}: {problem}")
+
+
+class SkeletonMismatch(VerbError):
+    """Two motions, or two verbs, do not share one skeleton."""
+
+
+class IllPosedVerb(VerbError):
+    """The examples do not determine a verb; the message says which ones and what to do."""
+
+
+class RequestError(VerbError):
+    """An evaluation was asked for something that it cannot give."""
+
+
+class UnknownName(RequestError):
+    """A name that does not exist, with the names that do.
+
+    Attributes
+    ----------
+    kind : str
+        What was named: ``"verb"``, ``"adverb"``, ``"joint"``, ``"method"`` …
+    name : str
+        The name that was given.
+    known : tuple of str
+        The names that exist.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.kind, self.name, self.known = kind, name, tuple(known)
+        listing = ", ".join(self.known) or "none"
+        super().__init__(f"unknown {kind} '{name}'; known: {listing}")
+
+
+class OutOfRange(RequestError):
+    """A number that is not finite, or not inside its bounds."""
+
+
+class ArtifactError(VerbError):
+    """A ``.verb`` file cannot be used."""
+
+    def __init__(self, path: str | Path, problem: str) -> None:
+        self.path, self.problem = str(path), problem
+        super().__init__(f"{path}: {problem}")
+
+
+class ArtifactVersionError(ArtifactError):
+    """A ``.verb`` file was written in a format that is newer than this Adverb."""
+
+
+class ArtifactCorrupt(ArtifactError):
+    """The bytes of a ``.verb`` file are not a valid verb."""

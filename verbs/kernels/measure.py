@@ -1,0 +1,196 @@
+"""What a blend reaches: the measured point of weights, per kind of measure.
+
+Source: ``docs/math.md``, section "Measures"; the locomotion rule is the one that its source files state.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from verbs.conventions import F64, I64
+from verbs.kernels.compile import kernel
+from verbs.kernels.pose import _multiply, _turn, finish_rotation
+from verbs.kernels.timewarp import blend_keytimes, slopes, time_at
+
+__all__ = [
+    "JUMP",
+    "MEASURES",
+    "NOTHING",
+    "POSITION",
+    "VELOCITY",
+    "compare",
+    "goals",
+    "jumps",
+    "positions",
+    "root_velocities",
+]
+
+NOTHING, POSITION, JUMP, VELOCITY = range(4)
+
+MEASURES = {"none": NOTHING, "joint_position": POSITION, "jump": JUMP, "root_velocity": VELOCITY}
+"""Measure numbers as the artifact stores them; never renumber."""
+
+
+@kernel
+def position(weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, out: F64) -> None:
+    """Position (3,) of the effector at its keytime, metres.
+
+    Parameters
+    ----------
+    weights : (N,) float64
+    mode : int
+        How rotations blend, see :mod:`verbs.kernels.pose`.
+    roots : (N, 3) float64
+        Root position of each example at the keytime.
+    rows : (L, N, 4) float64
+        Rotation rows of the L joints of the chain from the root to the effector's parent.
+    references : (L, 4) float64
+    offsets : (L, 3) float64
+        Offset of the next joint of the chain; the last one is the effector's.
+    """
+    out[:] = 0.0
+    for i in range(weights.shape[0]):
+        for a in range(3):
+            out[a] += weights[i] * roots[i, a]
+    turn, local, product = np.zeros(4), np.empty(4), np.empty(4)
+    turn[3] = 1.0
+    for j in range(rows.shape[0]):
+        local[:] = 0.0
+        for i in range(weights.shape[0]):
+            for a in range(4):
+                local[a] += weights[i] * rows[j, i, a]
+        finish_rotation(mode, references[j], local)
+        _multiply(turn, local, product)
+        turn[:] = product
+        _turn(turn, offsets[j], out)
+
+
+@kernel
+def jump(weights: F64, roots: F64, out: F64) -> None:
+    """Displacement x, z from first to last key and rise of the root (3,), metres; ``roots`` is (K + 1, N, 3)."""
+    top, start, x, z = -np.inf, 0.0, 0.0, 0.0
+    last = roots.shape[0] - 1
+    for k in range(last + 1):
+        y = 0.0
+        for i in range(weights.shape[0]):
+            y += weights[i] * roots[k, i, 1]
+        top = max(top, y)
+        if k == 0:
+            start = y
+    for i in range(weights.shape[0]):
+        x += weights[i] * (roots[last, i, 0] - roots[0, i, 0])
+        z += weights[i] * (roots[last, i, 2] - roots[0, i, 2])
+    out[0], out[1], out[2] = x, z, top - start
+
+
+@kernel
+def root_velocity(weights: F64, strides: F64, phases: F64, log_lengths: F64, out: F64) -> None:
+    """Forward speed (m/s), turn rate (rad/s) and sideways speed (m/s) over one cycle (3,).
+
+    Each step is turned into the frame that turns at the cycle's mean rate, then averaged over the cycle.
+    """
+    count = phases.shape[0]
+    keytimes, tangents = np.empty(count), np.empty(count)
+    blend_keytimes(weights, log_lengths, keytimes)
+    slopes(phases, keytimes, True, tangents)
+    intervals = strides.shape[0]
+    total = 0.0
+    for k in range(intervals):
+        for i in range(weights.shape[0]):
+            total += weights[i] * strides[k, i, 2]
+    duration = keytimes[count - 1]
+    rate = total / duration
+    heading, x, z, before = 0.0, 0.0, 0.0, 0.0
+    step = np.empty(3)
+    for k in range(intervals):
+        step[:] = 0.0
+        for i in range(weights.shape[0]):
+            for a in range(3):
+                step[a] += weights[i] * strides[k, i, a]
+        after = time_at(phases, keytimes, tangents, (k + 1.0) / intervals)
+        angle = heading + 0.5 * step[2] - rate * 0.5 * (before + after)
+        x += step[0] * np.cos(angle) + step[1] * np.sin(angle)
+        z += -step[0] * np.sin(angle) + step[1] * np.cos(angle)
+        heading += step[2]
+        before = after
+    out[0], out[1], out[2] = z / duration, rate, x / duration
+
+
+@kernel
+def positions(weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, out: F64) -> None:
+    """:func:`position` for weights (B, N), written to ``out`` (B, 3)."""
+    for b in range(weights.shape[0]):
+        position(weights[b], mode, roots, rows, references, offsets, out[b])
+
+
+@kernel
+def jumps(weights: F64, roots: F64, out: F64) -> None:
+    """:func:`jump` for weights (B, N), written to ``out`` (B, 3)."""
+    for b in range(weights.shape[0]):
+        jump(weights[b], roots, out[b])
+
+
+@kernel
+def root_velocities(weights: F64, strides: F64, phases: F64, log_lengths: F64, out: F64) -> None:
+    """:func:`root_velocity` for weights (B, N), written to ``out`` (B, 3)."""
+    for b in range(weights.shape[0]):
+        root_velocity(weights[b], strides, phases, log_lengths, out[b])
+
+
+@kernel
+def goals(kind: int, adverbs: F64, axes: I64, origin: F64, frame: F64, out: F64) -> None:
+    """Goals (B, 3) of adverbs (B, D): what the measured ones ask for, as a point of the measure's space."""
+    for b in range(adverbs.shape[0]):
+        row, goal = adverbs[b], out[b]
+        if kind == POSITION:
+            for a in range(3):
+                goal[a] = origin[a]
+                for m in range(axes.shape[0]):
+                    goal[a] += frame[a, m] * row[axes[m]]
+        elif kind == JUMP:
+            distance, direction = row[axes[0]], row[axes[1]]
+            goal[0], goal[1], goal[2] = (
+                distance * np.sin(direction),
+                distance * np.cos(direction),
+                row[axes[2]],
+            )
+        else:
+            for a in range(3):
+                goal[a] = row[axes[a]]
+
+
+@kernel
+def compare(
+    kind: int,
+    adverbs: F64,
+    points: F64,
+    axes: I64,
+    origin: F64,
+    frame: F64,
+    inverse: F64,
+    measured: F64,
+    error: F64,
+) -> None:
+    """Measured adverbs (B, m) of reached points (B, 3), and their distance (B,) from what adverbs (B, D) ask.
+
+    ``inverse`` (m, 3) is the pseudo-inverse of ``frame`` (3, m).
+    """
+    goal = np.empty((1, 3))
+    for b in range(adverbs.shape[0]):
+        goals(kind, adverbs[b : b + 1], axes, origin, frame, goal)
+        total = 0.0
+        for a in range(3):
+            total += (points[b, a] - goal[0, a]) ** 2
+        error[b] = np.sqrt(total)
+        if kind == POSITION:
+            for m in range(axes.shape[0]):
+                measured[b, m] = 0.0
+                for a in range(3):
+                    measured[b, m] += inverse[m, a] * (points[b, a] - origin[a])
+        elif kind == JUMP:
+            measured[b, 0] = np.sqrt(points[b, 0] ** 2 + points[b, 1] ** 2)
+            measured[b, 1] = np.arctan2(points[b, 0], points[b, 1])
+            measured[b, 2] = points[b, 2]
+        else:
+            for a in range(3):
+                measured[b, a] = points[b, a]

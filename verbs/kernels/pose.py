@@ -1,0 +1,236 @@
+"""Weights and phases to poses: curve sampling, blending, forward kinematics; all loops over a leading batch axis.
+
+Curves are uniform cubic B-splines over canonical time, one row per coefficient and example:
+``curves`` is (K + 3, N, 4 + 4·J) float32, where K is the number of intervals; the row holds the root position and a
+zero, then one quaternion (or one rotation vector and a zero) per joint. Row k of the first axis weighs the phases
+around (k - 1) / K.
+
+Source: Rose, Sloan, Cohen 2001, equation 3; the rotation part as ``docs/math.md`` states it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from verbs.conventions import F32, F64, I64
+from verbs.kernels.compile import kernel
+
+__all__ = ["ABSOLUTE", "NLERP", "ROTATION_VECTOR", "STRIDE", "blend", "forward", "spline_taps", "stride_to"]
+
+NLERP, ROTATION_VECTOR = range(2)
+"""How rotations blend: normalised sums of quaternions, or exponentials of summed rotation vectors."""
+
+ABSOLUTE, STRIDE = range(2)
+"""How the root travels: as blended positions, or as blended steps in a turning frame."""
+
+
+@kernel
+def spline_taps(phase: float, intervals: int, taps: F64) -> int:
+    """Four B-spline weights at a phase in [0, 1], and the first coefficient row that they belong to."""
+    x = phase * intervals
+    k = int(np.floor(x))
+    k = min(max(k, 0), intervals - 1)
+    u = x - k
+    v = 1.0 - u
+    taps[0] = v * v * v / 6.0
+    taps[1] = 2.0 / 3.0 - u * u + 0.5 * u * u * u
+    taps[2] = 2.0 / 3.0 - v * v + 0.5 * v * v * v
+    taps[3] = u * u * u / 6.0
+    return k
+
+
+@kernel
+def _multiply(a: F64, b: F64, out: F64) -> None:
+    """Quaternion product of (4,) arrays; ``out`` may be neither of them."""
+    out[0] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1]
+    out[1] = a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0]
+    out[2] = a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3]
+    out[3] = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]
+
+
+@kernel
+def _turn(q: F64, v: F64, out: F64) -> None:
+    """Vector (3,) turned by a unit quaternion (4,), added to ``out``."""
+    x = 2.0 * (q[1] * v[2] - q[2] * v[1])
+    y = 2.0 * (q[2] * v[0] - q[0] * v[2])
+    z = 2.0 * (q[0] * v[1] - q[1] * v[0])
+    out[0] += v[0] + q[3] * x + q[1] * z - q[2] * y
+    out[1] += v[1] + q[3] * y + q[2] * x - q[0] * z
+    out[2] += v[2] + q[3] * z + q[0] * y - q[1] * x
+
+
+@kernel
+def finish_rotation(mode: int, reference: F64, q: F64) -> float:
+    """Turn a blended row (4,) into a unit quaternion, in place; return the length of the sum (1 for vectors).
+
+    A sum shorter than 0.3 has lost its direction (examples cancel); its joint falls back to the reference.
+    """
+    if mode == ROTATION_VECTOR:
+        angle = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+        scale = np.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
+        x, y, z, w = scale * q[0], scale * q[1], scale * q[2], np.cos(0.5 * angle)
+        a, b, c, d = reference[0], reference[1], reference[2], reference[3]
+        q[0] = d * x + a * w + b * z - c * y
+        q[1] = d * y - a * z + b * w + c * x
+        q[2] = d * z + a * y - b * x + c * w
+        q[3] = d * w - a * x - b * y - c * z
+        return 1.0
+    length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if length < 0.3:
+        q[:] = reference
+    else:
+        for a in range(4):
+            q[a] /= length
+    return length
+
+
+@kernel
+def blend(weights: F64, phases: F64, curves: F32, mode: int, references: F64, root: F64, rotations: F64) -> None:
+    """Blend one pose per batch entry.
+
+    Parameters
+    ----------
+    weights : (B, N) float64
+        Weights of the examples; each row sums to 1.
+    phases : (B,) float64
+        Canonical time, 0 to 1.
+    curves : (K + 3, N, 4 + 4·J) float32
+        Coefficients, see the module's text.
+    mode : int
+        ``NLERP`` or ``ROTATION_VECTOR``.
+    references : (J, 4) float64
+        Reference rotation of each joint.
+    root : (B, 3) float64
+        Written: root position.
+    rotations : (B, J, 4) float64
+        Written: local rotations, unit quaternions.
+    """
+    width = curves.shape[2]
+    taps, row = np.empty(4), np.empty(width)
+    for b in range(weights.shape[0]):
+        first = spline_taps(phases[b], curves.shape[0] - 3, taps)
+        row[:] = 0.0
+        for tap in range(4):
+            for i in range(weights.shape[1]):
+                scale = taps[tap] * weights[b, i]
+                source = curves[first + tap, i]
+                for c in range(width):
+                    row[c] += scale * source[c]
+        for a in range(3):
+            root[b, a] = row[a]
+        for j in range(references.shape[0]):
+            for a in range(4):
+                rotations[b, j, a] = row[4 + 4 * j + a]
+            finish_rotation(mode, references[j], rotations[b, j])
+
+
+@kernel
+def forward(root: F64, rotations: F64, parents: I64, offsets: F64, turns: F64, positions: F64) -> None:
+    """Global rotations (B, J, 4) and positions (B, J, 3) of poses: root (B, 3), local rotations (B, J, 4)."""
+    for b in range(root.shape[0]):
+        turns[b, 0] = rotations[b, 0]
+        positions[b, 0] = root[b]
+        for j in range(1, parents.shape[0]):
+            parent = parents[j]
+            _multiply(turns[b, parent], rotations[b, j], turns[b, j])
+            positions[b, j] = positions[b, parent]
+            _turn(turns[b, parent], offsets[j], positions[b, j])
+
+
+@kernel
+def _step(weights: F64, strides: F64, k: int, out: F64) -> None:
+    """Blended step (3,) of interval k, which wraps around: sideways, forward (m), turn (rad)."""
+    out[:] = 0.0
+    source = strides[k % strides.shape[0]]
+    for i in range(weights.shape[0]):
+        for a in range(3):
+            out[a] += weights[i] * source[i, a]
+
+
+@kernel
+def _part(u: float, step: float, before: float, after: float) -> float:
+    """Part of a step covered at u in [0, 1], smooth across neighbours: a cubic through both ends."""
+    v = 1.0 - u
+    start, end = 0.5 * (before + step), 0.5 * (step + after)
+    return u * u * (3.0 - 2.0 * u) * step + u * v * (v * start - u * end)
+
+
+@kernel
+def _advance(place: F64, heading_mid: float, side: float, ahead: float) -> None:
+    """Move a place (x, z) by a step in a frame of the given heading."""
+    place[0] += side * np.cos(heading_mid) + ahead * np.sin(heading_mid)
+    place[1] += -side * np.sin(heading_mid) + ahead * np.cos(heading_mid)
+
+
+@kernel
+def stride_to(weights: F64, strides: F64, start: float, end: float, looping: bool, place: F64) -> None:
+    """Walk one character from phase ``start`` to phase ``end`` ≥ start (both unwrapped: 1.5 is mid second cycle).
+
+    ``strides`` (K, N, 3) are the examples' steps per interval in the frame of their own heading: sideways, forward,
+    turn. ``place`` (3,) holds x, z and heading and is moved. Steps are joined by a cubic whose ends share their
+    neighbours' mean speed, so that position and velocity are continuous, across the seam of a loop too.
+    """
+    intervals = strides.shape[0]
+    before, step, after = np.empty(3), np.empty(3), np.empty(3)
+    at, stop = start * intervals, end * intervals
+    k = int(np.floor(at + 1e-12))
+    while at < stop - 1e-12:
+        upto = min(float(k + 1), stop)
+        _step(weights, strides, k, step)
+        before[:], after[:] = step, step
+        if looping or k > 0:
+            _step(weights, strides, k - 1, before)
+        if looping or k < intervals - 1:
+            _step(weights, strides, k + 1, after)
+        u0, u1 = min(max(at - k, 0.0), 1.0), min(max(upto - k, 0.0), 1.0)
+        moved = np.empty(3)
+        for a in range(3):
+            moved[a] = _part(u1, step[a], before[a], after[a]) - _part(u0, step[a], before[a], after[a])
+        _advance(place, place[2] + 0.5 * moved[2], moved[0], moved[1])
+        place[2] += moved[2]
+        at = upto
+        k += 1
+
+
+@kernel
+def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: bool, root: F64, rotations: F64) -> None:
+    """Place poses of a striding verb in the world: each walked there from phase 0, or, in ``one_walk``, from the last.
+
+    ``phases`` (B,) are unwrapped, and rise in one walk. ``root`` (B, 3) holds heights; x and z are written.
+    ``rotations`` (B, J, 4) hold root rotations without heading; the heading walked through is put in front.
+    """
+    place, heading, local = np.empty(3), np.zeros(4), np.empty(4)
+    for b in range(weights.shape[0]):
+        start = 0.0
+        if one_walk and b > 0:
+            start = phases[b - 1]
+        else:
+            place[:] = 0.0
+        stride_to(weights[b], strides, start, phases[b], looping, place)
+        root[b, 0], root[b, 2] = place[0], place[1]
+        heading[1], heading[3] = np.sin(0.5 * place[2]), np.cos(0.5 * place[2])
+        local[:] = rotations[b, 0]
+        _multiply(heading, local, rotations[b, 0])
+
+
+@kernel
+def velocity(weights: F64, strides: F64, phase: float, rate: float, looping: bool, out: F64) -> None:
+    """Velocity (3,) of a striding root in its heading frame: sideways, forward (m/s), turn (rad/s).
+
+    ``rate`` is seconds per unit of phase there.
+    """
+    intervals = strides.shape[0]
+    x = phase * intervals
+    k = min(max(int(np.floor(x)), 0), intervals - 1)
+    u = x - k
+    before, step, after = np.empty(3), np.empty(3), np.empty(3)
+    _step(weights, strides, k, step)
+    before[:], after[:] = step, step
+    if looping or k > 0:
+        _step(weights, strides, k - 1, before)
+    if looping or k < intervals - 1:
+        _step(weights, strides, k + 1, after)
+    for a in range(3):
+        start, end = 0.5 * (before[a] + step[a]), 0.5 * (step[a] + after[a])
+        slope = 6.0 * u * (1.0 - u) * step[a] + (1.0 - u) * (1.0 - 3.0 * u) * start + u * (3.0 * u - 2.0) * end
+        out[a] = slope * intervals / rate

@@ -1,0 +1,28 @@
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+import pytest
+
+from verbs.build.fit import build
+from verbs.verb import Verb
+
+PROJECT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session")
+def mocap() -> Path:
+    """Real capture: one folder of BVH files per verb. It is not part of the repository."""
+    folder = PROJECT / os.environ.get("ADVERB_TEST_DATA", "../shared/data") / "mocap"
+    if not folder.is_dir():
+        pytest.skip(f"no motion capture at {folder}; point ADVERB_TEST_DATA at a folder that holds mocap/")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def verb_of(mocap: Path) -> Callable[[str], Verb]:
+    """Builds the verb of a folder of captures, once per session."""
+    return lru_cache(maxsize=None)(lambda name: build(mocap / name).verb)

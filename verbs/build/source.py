@@ -1,0 +1,282 @@
+"""A verb source: a folder with ``verb.toml`` and one motion file per example, read and checked.
+
+What the folder says is checked here; whether the motions fit together is checked where they are aligned.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYTIMES, METRES_PER_UNIT
+from verbs.errors import SourceError
+from verbs.kernels.chart import CHARTS
+from verbs.kernels.measure import MEASURES
+from verbs.verb import NAME
+
+__all__ = ["Source", "SourceAdverb", "SourceExample", "read"]
+
+MAX_TOML_BYTES = 4 * 1024 * 1024
+
+ROTATIONS = ("quaternion", "rotation_vector")
+
+_KEYS = {
+    "name", "description", "looping", "root", "effector", "effector_keytime_index", "measure", "keytime_names",
+    "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class SourceAdverb:
+    """One ``[[adverb]]``: name, unit, description, and whether it is a matter of style."""
+
+    name: str
+    unit: str
+    description: str
+    style: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SourceExample:
+    """One ``[[example]]``: its file, keytimes in seconds, adverb values."""
+
+    file: Path
+    keytimes: tuple[float, ...]
+    values: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the example: its file's, without the ending."""
+        return self.file.stem
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What ``verb.toml`` says, checked. ``provenance`` keeps every key that has no meaning here."""
+
+    path: Path
+    name: str
+    description: str
+    looping: bool
+    root: str | None
+    effector: str | None
+    effector_keytime: int
+    measure: str
+    keytime_names: tuple[str, ...]
+    length_unit: str
+    chart: str | None
+    rotations: str
+    adverbs: tuple[SourceAdverb, ...]
+    examples: tuple[SourceExample, ...]
+    simplices: tuple[tuple[int, ...], ...]
+    provenance: Mapping[str, Any]
+
+
+def read(folder: str | Path) -> Source:
+    """Read and check ``verb.toml`` in a folder.
+
+    Raises
+    ------
+    SourceError
+        Naming the file, the example where there is one, what is wrong and what to do.
+    """
+    path = Path(folder) / "verb.toml"
+    table = _load(path)
+    reader = _Reader(path)
+    adverbs = tuple(_adverb(reader, row, k) for k, row in enumerate(reader.tables(table, "adverb", MAX_ADVERBS)))
+    names = [adverb.name for adverb in adverbs]
+    if len(set(names)) != len(names):
+        raise SourceError(path, f"two adverbs have one name among {', '.join(names)}; give each its own")
+    keytime_names = reader.names(table, "keytime_names")
+    rows = reader.tables(table, "example", MAX_EXAMPLES)
+    examples = tuple(_example(reader, row, k, len(names), keytime_names) for k, row in enumerate(rows))
+    _check_examples(path, examples)
+    name = reader.text(table, "name")
+    if not NAME.fullmatch(name):
+        raise SourceError(path, f"name '{name}' must be lower-case letters, digits, '-' and '_', a letter first")
+    measure = reader.choice(table, "measure", tuple(MEASURES), default="none")
+    effector_keytime = reader.integer(table, "effector_keytime_index", default=-1)
+    if not -1 <= effector_keytime < len(keytime_names):
+        raise SourceError(
+            path, f"effector_keytime_index is {effector_keytime}; the keytimes are 0 to {len(keytime_names) - 1}"
+        )
+    return Source(
+        path=path,
+        name=name,
+        description=reader.text(table, "description", default=""),
+        looping=reader.flag(table, "looping", default=False),
+        root=reader.text(table, "root", default="") or None,
+        effector=reader.text(table, "effector", default="") or None,
+        effector_keytime=effector_keytime,
+        measure=measure,
+        keytime_names=keytime_names,
+        length_unit=_units(reader, table),
+        chart=reader.choice(table, "chart", tuple(CHARTS), default="") or None,
+        rotations=reader.choice(table, "rotations", ROTATIONS, default="quaternion"),
+        adverbs=adverbs,
+        examples=examples,
+        simplices=_simplices(reader, table, len(examples), len(adverbs)),
+        provenance={key: value for key, value in table.items() if key not in _KEYS},
+    )
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        size = path.stat().st_size
+        if size > MAX_TOML_BYTES:
+            raise SourceError(path, f"{size} bytes; a verb.toml has at most {MAX_TOML_BYTES}")
+        return tomllib.loads(path.read_text("utf-8-sig"))
+    except FileNotFoundError:
+        raise SourceError(path, "not found; a verb source is a folder with a verb.toml and its motion files") from None
+    except NotADirectoryError:
+        raise SourceError(path.parent, "is a file; name the folder that holds verb.toml") from None
+    except OSError as err:
+        raise SourceError(path, f"cannot be read: {err.strerror or err}") from err
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as err:
+        raise SourceError(path, f"is no valid TOML: {err}") from err
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Typed access to a parsed table, with messages that name the key."""
+
+    path: Path
+
+    def _get(self, table: Mapping[str, Any], key: str, kind: type, default: Any) -> Any:
+        value = table.get(key, default)
+        if value is None:
+            raise SourceError(self.path, f"key '{key}' is missing")
+        if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
+            raise SourceError(self.path, f"key '{key}' must be {_KIND_NAMES[kind]}, not {value!r:.60}")
+        return value
+
+    def text(self, table: Mapping[str, Any], key: str, *, default: str | None = None) -> str:
+        return str(self._get(table, key, str, default))
+
+    def flag(self, table: Mapping[str, Any], key: str, *, default: bool) -> bool:
+        return bool(self._get(table, key, bool, default))
+
+    def integer(self, table: Mapping[str, Any], key: str, *, default: int) -> int:
+        return int(self._get(table, key, int, default))
+
+    def choice(self, table: Mapping[str, Any], key: str, known: tuple[str, ...], *, default: str) -> str:
+        value = self.text(table, key, default=default)
+        if value not in (*known, default):
+            raise SourceError(self.path, f"{key} is '{value}'; it must be one of {', '.join(known)}")
+        return value
+
+    def names(self, table: Mapping[str, Any], key: str) -> tuple[str, ...]:
+        values = self._get(table, key, list, None)
+        if not 2 <= len(values) <= MAX_KEYTIMES or not all(isinstance(value, str) and value for value in values):
+            raise SourceError(
+                self.path, f"{key} must list 2 to {MAX_KEYTIMES} names, the first and last instant included"
+            )
+        if len(set(values)) != len(values):
+            raise SourceError(self.path, f"{key} names one instant twice: {', '.join(values)}")
+        return tuple(values)
+
+    def tables(self, table: Mapping[str, Any], key: str, most: int) -> list[dict[str, Any]]:
+        rows = table.get(key, [])
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            raise SourceError(self.path, f"'{key}' must be written as [[{key}]] tables")
+        if not 1 <= len(rows) <= most:
+            raise SourceError(self.path, f"there are {len(rows)} [[{key}]] tables; a verb has 1 to {most}")
+        return rows
+
+    def numbers(self, row: Mapping[str, Any], key: str, count: int, of: str, where: str) -> tuple[float, ...]:
+        values = row.get(key)
+        numeric = isinstance(values, list) and all(
+            isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
+        )
+        if not numeric or values is None:
+            raise SourceError(self.path, f"'{key}' must be a list of numbers", example=where)
+        if len(values) != count:
+            raise SourceError(
+                self.path, f"'{key}' has {len(values)} numbers, but there are {count} {of}", example=where
+            )
+        for value in values:
+            if not math.isfinite(value) or abs(value) > 1e9:
+                raise SourceError(self.path, f"'{key}' holds {value}; numbers must be finite", example=where)
+        return tuple(float(value) for value in values)
+
+
+_KIND_NAMES: dict[type, str] = {str: "a text", bool: "true or false", int: "a whole number", list: "a list"}
+
+
+def _adverb(reader: _Reader, row: dict[str, Any], index: int) -> SourceAdverb:
+    name = reader.text(row, "name", default="")
+    if not name.isidentifier() or len(name) > 63:
+        raise SourceError(
+            reader.path, f"adverb {index} is called '{name}'; use letters, digits and '_', no digit first"
+        )
+    return SourceAdverb(
+        name,
+        reader.text(row, "unit", default=""),
+        reader.text(row, "description", default=""),
+        reader.flag(row, "style", default=False),
+    )
+
+
+def _example(
+    reader: _Reader, row: dict[str, Any], index: int, adverbs: int, keytime_names: tuple[str, ...]
+) -> SourceExample:
+    file = reader.text(row, "file", default="")
+    folder = reader.path.parent.resolve()
+    path = (folder / file).resolve()
+    if not file or not path.is_relative_to(folder):
+        raise SourceError(reader.path, f"example {index} names the file '{file}'; it must lie in the verb's own folder")
+    where = path.stem
+    keytimes = reader.numbers(row, "keytimes", len(keytime_names), "keytime names", where)
+    for m in range(1, len(keytimes)):
+        if keytimes[m] <= keytimes[m - 1]:
+            raise SourceError(
+                reader.path,
+                f"keytime '{keytime_names[m]}' ({keytimes[m]} s) must come after "
+                f"'{keytime_names[m - 1]}' ({keytimes[m - 1]} s)",
+                example=where,
+            )
+    return SourceExample(path, keytimes, reader.numbers(row, "adverb_values", adverbs, "adverbs", where))
+
+
+def _check_examples(path: Path, examples: tuple[SourceExample, ...]) -> None:
+    if len(examples) < 2:
+        raise SourceError(
+            path, "there is one example; a verb blends at least two: add motions with other adverb values"
+        )
+    seen: set[str] = set()
+    for example in examples:
+        if example.name in seen:
+            raise SourceError(
+                path, "two examples use one file name; give each motion its own file", example=example.name
+            )
+        seen.add(example.name)
+
+
+def _units(reader: _Reader, table: dict[str, Any]) -> str:
+    units = table.get("units", {})
+    if not isinstance(units, dict):
+        raise SourceError(reader.path, "'units' must be written as a [units] table")
+    length = reader.choice(units, "length", tuple(METRES_PER_UNIT), default="m")
+    reader.choice(units, "time", ("s",), default="s")
+    reader.choice(units, "adverb_angle", ("rad",), default="rad")
+    for key, meant in (("up_axis", "+Y"), ("forward_axis", "+Z")):
+        if table.get(key, meant) != meant:
+            raise SourceError(reader.path, f"{key} is '{table[key]}'; convert the motions to {meant} first")
+    return length
+
+
+def _simplices(reader: _Reader, table: dict[str, Any], examples: int, dims: int) -> tuple[tuple[int, ...], ...]:
+    rows = table.get("simplices", table.get("tetrahedra", []))
+    if not isinstance(rows, list):
+        raise SourceError(reader.path, "'simplices' must be a list of lists of example indices")
+    for row in rows:
+        fits = isinstance(row, list) and len(row) == dims + 1 and all(type(item) is int for item in row)
+        if not fits or len(set(row)) != len(row) or not all(0 <= item < examples for item in row):
+            raise SourceError(
+                reader.path, f"simplex {row!r:.60} must be {dims + 1} different example indices below {examples}"
+            )
+    return tuple(tuple(row) for row in rows)

@@ -1,0 +1,111 @@
+"""What was asked and what was reached, as points of one space.
+
+A goal is a point: an effector position (m), a jump's displacement and rise (m), or a cycle's speeds (m/s, rad/s).
+The error is the distance between goal and reached point; among speeds a turn rate counts as the speed of a point
+one metre from the root, so that it too is in m/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from verbs.conventions import F64
+from verbs.kernels import measure as kernels
+from verbs.verb import Verb
+
+__all__ = ["Goal"]
+
+_SPLINE_AT_KNOT = np.array([1.0, 4.0, 1.0]) / 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goal:
+    """The measured side of a verb, with the arrays that measuring needs.
+
+    Parameters
+    ----------
+    verb : Verb
+    roots : (N, 3) or (K + 1, N, 3) float64
+        Root positions: at the effector's keytime, or at all keys for a jump.
+    rows : (L, N, 4) float64
+        Rotation rows of the chain at the effector's keytime.
+    references : (L, 4) float64
+    offsets : (L, 3) float64
+    log_lengths : (N, M - 1) float64
+    inverse : (m, 3) float64
+        Pseudo-inverse of the measure's frame.
+    """
+
+    verb: Verb
+    roots: F64
+    rows: F64
+    references: F64
+    offsets: F64
+    log_lengths: F64
+    inverse: F64
+
+    @classmethod
+    def of_verb(cls, verb: Verb) -> Goal:
+        """Gather the arrays of one verb."""
+        measure = verb.measure
+        chain = verb.skeleton.chain(measure.effector)
+        roots, rows = np.zeros((0, 0, 3)), np.zeros((0, len(verb.examples), 4))
+        if measure.kind == kernels.POSITION:
+            key = round(verb.phases[measure.keytime] * verb.intervals)
+            at_key = np.einsum("t,tnc->nc", _SPLINE_AT_KNOT, verb.curves[key : key + 3].astype(np.float64))
+            roots = np.ascontiguousarray(at_key[:, :3])
+            turns = at_key[:, 4:].reshape(len(verb.examples), -1, 4)
+            rows = np.ascontiguousarray(turns[:, chain[:-1]].transpose(1, 0, 2))
+        elif measure.kind == kernels.JUMP:
+            taps = np.lib.stride_tricks.sliding_window_view(verb.curves[:, :, :3].astype(np.float64), 3, axis=0)
+            roots = np.ascontiguousarray(taps @ _SPLINE_AT_KNOT)
+        return cls(
+            verb,
+            roots,
+            rows,
+            np.ascontiguousarray(verb.references[chain[:-1]]),
+            np.ascontiguousarray(verb.skeleton.offsets[chain[1:]]),
+            np.log(np.diff(verb.keytimes, axis=1)),
+            np.ascontiguousarray(np.linalg.pinv(measure.frame)),
+        )
+
+    @property
+    def measurable(self) -> bool:
+        """False where the verb has style adverbs only."""
+        return self.verb.measure.kind != kernels.NOTHING
+
+    def points(self, adverbs: F64) -> F64:
+        """Goals (B, 3) of adverbs (B, D)."""
+        measure, out = self.verb.measure, np.empty((len(adverbs), 3))
+        kernels.goals(measure.kind, adverbs, measure.axes, measure.origin, measure.frame, out)
+        return out
+
+    def compare(self, adverbs: F64, points: F64) -> tuple[F64, F64]:
+        """Measured adverbs (B, m) of reached points (B, 3), and their distance (B,) from what adverbs (B, D) ask."""
+        measure = self.verb.measure
+        measured, error = np.empty((len(points), len(measure.axes))), np.empty(len(points))
+        kernels.compare(
+            measure.kind,
+            adverbs,
+            points,
+            measure.axes,
+            measure.origin,
+            measure.frame,
+            self.inverse,
+            measured,
+            error,
+        )
+        return measured, error
+
+    def reached(self, weights: F64) -> F64:
+        """Points (B, 3) that blends of weights (B, N) reach; NaN where nothing can be measured."""
+        verb, out = self.verb, np.full((len(weights), 3), np.nan)
+        if verb.measure.kind == kernels.POSITION:
+            kernels.positions(weights, verb.rotation_mode, self.roots, self.rows, self.references, self.offsets, out)
+        elif verb.measure.kind == kernels.JUMP:
+            kernels.jumps(weights, self.roots, out)
+        elif verb.measure.kind == kernels.VELOCITY:
+            kernels.root_velocities(weights, verb.strides, verb.phases, self.log_lengths, out)
+        return out

@@ -1,0 +1,296 @@
+"""A verb: everything that evaluating a parameterised motion needs, as arrays."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from verbs.conventions import F32, F64, I64, MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES
+from verbs.errors import IllPosedVerb, UnknownName
+from verbs.kernels import chart as charts
+from verbs.kernels import measure as measures
+from verbs.kernels import pose as poses
+from verbs.kernels import rbf
+from verbs.skeleton import Skeleton
+
+NAME = re.compile(r"[a-z][a-z0-9_-]{0,62}")
+"""What a verb may be called: it stands in addresses, file names and metric labels."""
+
+
+def _check(holds: bool, problem: str) -> None:
+    if not holds:
+        raise IllPosedVerb(problem)
+
+
+@dataclass(frozen=True, slots=True)
+class Adverb:
+    """One parameter of a verb.
+
+    Parameters
+    ----------
+    name, unit, description : str
+        What it is called, what it is counted in, what it means.
+    style : bool
+        True where the motion cannot be measured for it ("tired"), False where it can (a wrist position).
+    minimum, maximum : float
+        Range over the examples, in its unit.
+    """
+
+    name: str
+    unit: str
+    description: str
+    style: bool
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """Where distances between adverbs are taken: a bend of the axes, then a shift and a scale.
+
+    Parameters
+    ----------
+    kind : int
+        A number of :data:`verbs.kernels.chart.CHARTS`.
+    axes : (3,) int64
+        Adverbs that bend.
+    bend : (4,) float64
+        The cylinder's axis x, z (m), cut (rad) and unrolling radius (m).
+    shift, scale : (D,) float64
+        Normalised coordinates are (bent adverbs - shift) · scale.
+    """
+
+    kind: int
+    axes: I64
+    bend: F64
+    shift: F64
+    scale: F64
+
+    def __post_init__(self) -> None:
+        dims = len(self.shift)
+        _check(self.kind in charts.CHARTS.values(), f"chart number {self.kind} does not exist")
+        _check(self.axes.shape == (3,) and self.bend.shape == (4,), "a chart has 3 axes and 4 bend numbers")
+        _check(self.kind == charts.IDENTITY or bool(np.all((self.axes >= 0) & (self.axes < dims))), "chart axis")
+        _check(self.scale.shape == (dims,) and bool(np.all(self.scale > 0)), "a chart's scales must be positive")
+        _check(self.kind != charts.CYLINDER or self.bend[3] > 0, "a cylinder's radius must be positive")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Domain:
+    """The convex hull of the examples in a chart: {u : facets · (u - middle) ≤ 1}.
+
+    Parameters
+    ----------
+    chart : Chart
+    facets : (F, D) float64
+    middle : (D,) float64
+        A point inside, in normalised chart coordinates.
+    sharpness : float
+        Order of the smooth maximum over facets.
+    """
+
+    chart: Chart
+    facets: F64
+    middle: F64
+    sharpness: float
+
+    def __post_init__(self) -> None:
+        dims = len(self.chart.shift)
+        _check(self.middle.shape == (dims,), "the domain's middle has the wrong length")
+        _check(self.facets.ndim == 2 and self.facets.shape[1] == dims, "the domain's facets have the wrong shape")
+        _check(len(self.facets) > dims and 2 <= self.sharpness <= 4096, "the domain has too few facets")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """A cardinal basis: adverbs in, one weight per example out.
+
+    Parameters
+    ----------
+    chart : Chart
+        Where its distances are taken.
+    kernel, degree : int
+        Radial function (a number of :data:`verbs.kernels.rbf.KERNELS`) and polynomial degree, 0 to 2.
+    centers : (C, D) float64
+        Examples first, pseudo-examples after them, in normalised chart coordinates.
+    radii : (C,) float64
+    radial : (C, N) float64
+    poly : (L, N) float64
+    condition : float
+        Condition number of the solved system.
+    """
+
+    chart: Chart
+    kernel: int
+    degree: int
+    centers: F64
+    radii: F64
+    radial: F64
+    poly: F64
+    condition: float
+
+    def __post_init__(self) -> None:
+        count, dims = self.centers.shape
+        length = {0: 1, 1: dims + 1, 2: 1 + dims + dims * (dims + 1) // 2}.get(self.degree, -1)
+        _check(self.kernel in rbf.KERNELS.values(), f"radial function number {self.kernel} does not exist")
+        _check(len(self.chart.shift) == dims, "the basis and its chart differ in dimension")
+        _check(self.radii.shape == (count,) and bool(np.all(self.radii > 0)), "radii must be positive")
+        _check(self.radial.ndim == 2 and len(self.radial) == count, "radial coefficients have the wrong shape")
+        _check(self.poly.shape == (length, self.radial.shape[1]), "polynomial coefficients have the wrong shape")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measure:
+    """How to measure what a blend reached.
+
+    Parameters
+    ----------
+    kind : int
+        A number of :data:`verbs.kernels.measure.MEASURES`.
+    effector : int
+        Joint whose position matters.
+    keytime : int
+        Keytime at which a joint position is measured; -1 where the whole motion is.
+    axes : (m,) int64
+        Adverbs that are measured, in the order of the measure.
+    origin : (3,) float64
+    frame : (3, m) float64
+        A position goal is origin + frame · measured adverbs, metres. Not used by other kinds.
+    """
+
+    kind: int
+    effector: int
+    keytime: int
+    axes: I64
+    origin: F64
+    frame: F64
+
+    @property
+    def unit(self) -> str:
+        """Unit of the error."""
+        return {measures.NOTHING: "", measures.VELOCITY: "m/s"}.get(self.kind, "m")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verb:
+    """A parameterised motion.
+
+    Parameters
+    ----------
+    name, description : str
+    looping : bool
+        True where the end of a cycle is the start of the next.
+    skeleton : Skeleton
+    adverbs : tuple of Adverb, length D
+    examples : tuple of str, length N
+        Names of the examples.
+    values : (N, D) float64
+        Adverbs of the examples, measured ones as measured on the stored curves.
+    keytime_names : tuple of str, length M
+    keytimes : (N, M) float64
+        Keytimes of the examples, seconds from the first one.
+    phases : (M,) float64
+        Canonical time of the keytimes: 0 … 1, multiples of 1 / K.
+    curves : (K + 3, N, 4 + 4·J) float32
+        Spline coefficients, see :mod:`verbs.kernels.pose`.
+    references : (J, 4) float64
+        Reference rotation of each joint.
+    rotation_mode, root_motion : int
+        Numbers of :mod:`verbs.kernels.pose`.
+    strides : (K, N, 3) float64
+        Steps of a striding root; (0, N, 3) where the root's position is blended.
+    measure : Measure
+    domain : Domain
+    bases : mapping of str to Basis
+        ``"rbf"`` always; others as methods need them.
+    quality, provenance : mapping
+        JSON values: measured figures, and where the verb came from.
+    """
+
+    name: str
+    description: str
+    looping: bool
+    skeleton: Skeleton
+    adverbs: tuple[Adverb, ...]
+    examples: tuple[str, ...]
+    values: F64
+    keytime_names: tuple[str, ...]
+    keytimes: F64
+    phases: F64
+    curves: F32
+    references: F64
+    rotation_mode: int
+    root_motion: int
+    strides: F64
+    measure: Measure
+    domain: Domain
+    bases: Mapping[str, Basis]
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count, dims, joints, marks = (
+            len(self.examples),
+            len(self.adverbs),
+            len(self.skeleton),
+            len(self.phases),
+        )
+        keys = self.curves.shape[0] - 2
+        _check(NAME.fullmatch(self.name) is not None, f"'{self.name}' is no verb name ({NAME.pattern})")
+        _check(1 <= dims <= MAX_ADVERBS and 2 <= count <= MAX_EXAMPLES, "too few or too many adverbs or examples")
+        _check(2 <= marks <= MAX_KEYTIMES and 2 <= keys <= MAX_KEYS, "too few or too many keytimes or keys")
+        _check(len({adverb.name for adverb in self.adverbs}) == dims, "two adverbs have one name")
+        _check(self.values.shape == (count, dims), "values must be examples × adverbs")
+        _check(len(self.keytime_names) == marks and self.keytimes.shape == (count, marks), "keytimes")
+        _check(bool(np.all(np.diff(self.keytimes, axis=1) > 0)), "keytimes must rise")
+        _check(bool(np.all(np.diff(self.phases) > 0)), "phases must rise")
+        _check(self.phases[0] == 0.0 and self.phases[-1] == 1.0, "phases run from 0 to 1")
+        _check(self.curves.shape[1:] == (count, 4 + 4 * joints), "curves must be keys × examples × channels")
+        _check(self.references.shape == (joints, 4), "references must be joints × 4")
+        _check(self.rotation_mode in (poses.NLERP, poses.ROTATION_VECTOR), "unknown rotation mode")
+        striding = self.root_motion == poses.STRIDE
+        _check(striding or self.root_motion == poses.ABSOLUTE, "unknown root motion")
+        _check(
+            self.strides.shape == ((keys - 1) * striding, count, 3),
+            "strides must be intervals × examples × 3",
+        )
+        self._check_measure(dims, joints, marks)
+        _check(len(self.domain.chart.shift) == dims, "the domain has another dimension than the adverbs")
+        _check("rbf" in self.bases, "the basis 'rbf' is missing")
+        for name, basis in self.bases.items():
+            fits = basis.centers.shape[1] == dims and basis.radial.shape[1] == count
+            _check(fits, f"basis '{name}' does not fit the examples")
+
+    def _check_measure(self, dims: int, joints: int, marks: int) -> None:
+        measure = self.measure
+        _check(measure.kind in measures.MEASURES.values(), "unknown measure")
+        _check(0 <= measure.effector < joints and -1 <= measure.keytime < marks, "effector or its keytime")
+        inside = bool(np.all((measure.axes >= 0) & (measure.axes < dims)))
+        _check(inside and measure.frame.shape == (3, len(measure.axes)), "measured adverbs")
+        _check(measure.origin.shape == (3,), "the measure's origin has three numbers")
+        _check(measure.kind != measures.POSITION or measure.keytime >= 0, "a joint position needs its keytime")
+        absolute = self.root_motion == poses.ABSOLUTE
+        _check(
+            measure.kind not in (measures.POSITION, measures.JUMP) or absolute,
+            "a place needs an absolute root",
+        )
+        _check(
+            measure.kind != measures.VELOCITY or self.root_motion == poses.STRIDE,
+            "root velocity needs strides",
+        )
+
+    @property
+    def intervals(self) -> int:
+        """Number K of intervals between canonical samples."""
+        return int(self.curves.shape[0]) - 3
+
+    def adverb_index(self, name: str) -> int:
+        """Index of an adverb by name; raises :class:`UnknownName` with the names that exist."""
+        names = [adverb.name for adverb in self.adverbs]
+        if name not in names:
+            raise UnknownName("adverb", name, names)
+        return names.index(name)

@@ -1,0 +1,266 @@
+"""Verb ↔ ``.verb`` file: one safetensors file, mapped and not copied, checked before it is believed.
+
+The layout is documented in ``docs/artifact.md``, well enough to be read without this code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import mmap
+import os
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors.numpy import save as serialize
+
+from verbs.errors import ArtifactCorrupt, ArtifactError, ArtifactVersionError, VerbError
+from verbs.skeleton import Skeleton
+from verbs.verb import Adverb, Basis, Chart, Domain, Measure, Verb
+
+__all__ = ["FORMAT", "load", "save"]
+
+FORMAT = 1
+"""Version of the layout. A reader refuses newer ones; older ones stay readable."""
+
+MAX_HEADER_BYTES = 16 * 1024 * 1024
+MAX_BYTES = 4 * 1024 * 1024 * 1024
+
+_DTYPES: dict[str, np.dtype[Any]] = {"F32": np.dtype("<f4"), "F64": np.dtype("<f8"), "I64": np.dtype("<i8")}
+
+Arrays = dict[str, np.ndarray[Any, Any]]
+
+
+def save(verb: Verb, path: str | Path) -> None:
+    """Write a verb; the file appears whole or not at all.
+
+    The same verb gives the same bytes. Raises :class:`ArtifactError` where the file cannot be written.
+    """
+    target = Path(path)
+    arrays = _arrays(verb)
+    facts = _facts(verb)
+    text = _text(facts | {"sha256": _digest(arrays, facts)})
+    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        with part.open("wb") as file:
+            file.write(serialize(arrays, metadata={"adverb": text}))
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(target)
+    except OSError as err:
+        raise ArtifactError(target, f"cannot be written: {err.strerror or err}") from err
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def load(path: str | Path) -> Verb:
+    """Map a ``.verb`` file and check all of it.
+
+    Raises
+    ------
+    ArtifactVersionError
+        It was written in a newer format.
+    ArtifactCorrupt
+        It is not a verb, is cut, or was changed after it was written.
+    ArtifactError
+        It cannot be opened.
+    """
+    path = Path(path)
+    arrays, facts = _map(path)
+    version = facts.get("format")
+    if not isinstance(version, int) or version < 1:
+        raise ArtifactCorrupt(path, f"its format is {version!r:.40}, not a number from 1 on")
+    if version > FORMAT:
+        raise ArtifactVersionError(path, f"has format {version}; this Adverb reads up to {FORMAT}: upgrade it")
+    if facts.pop("sha256", None) != _digest(arrays, facts):
+        raise ArtifactCorrupt(path, "its checksum does not match; copy or build it again")
+    try:
+        return _verb(arrays, facts)
+    except (VerbError, KeyError, TypeError, ValueError, IndexError) as err:
+        raise ArtifactCorrupt(path, f"does not describe a verb: {err}") from err
+
+
+def _facts(verb: Verb) -> dict[str, Any]:
+    """Everything that is no array, as JSON values."""
+    skeleton, measure = verb.skeleton, verb.measure
+    return {
+        "format": FORMAT,
+        "name": verb.name,
+        "description": verb.description,
+        "looping": verb.looping,
+        "joints": list(skeleton.names),
+        "adverbs": [
+            {"name": a.name, "unit": a.unit, "description": a.description, "style": a.style} for a in verb.adverbs
+        ],
+        "ranges": [[a.minimum, a.maximum] for a in verb.adverbs],
+        "examples": list(verb.examples),
+        "keytime_names": list(verb.keytime_names),
+        "rotation_mode": verb.rotation_mode,
+        "root_motion": verb.root_motion,
+        "measure": {"kind": measure.kind, "effector": measure.effector, "keytime": measure.keytime},
+        "domain": {"chart": verb.domain.chart.kind, "sharpness": verb.domain.sharpness},
+        "bases": {
+            name: {
+                "chart": basis.chart.kind,
+                "kernel": basis.kernel,
+                "degree": basis.degree,
+                "condition": basis.condition,
+            }
+            for name, basis in sorted(verb.bases.items())
+        },
+        "quality": verb.quality,
+        "provenance": verb.provenance,
+    }
+
+
+def _arrays(verb: Verb) -> Arrays:
+    skeleton, measure = verb.skeleton, verb.measure
+    arrays: Arrays = {
+        "curves": verb.curves,
+        "keytimes": verb.keytimes,
+        "measure.axes": measure.axes,
+        "measure.frame": measure.frame,
+        "measure.origin": measure.origin,
+        "phases": verb.phases,
+        "references": verb.references,
+        "skeleton.offsets": skeleton.offsets,
+        "skeleton.parents": skeleton.parents,
+        "skeleton.tip_offsets": skeleton.tip_offsets,
+        "skeleton.tip_parents": skeleton.tip_parents,
+        "strides": verb.strides,
+        "values": verb.values,
+        "domain.facets": verb.domain.facets,
+        "domain.middle": verb.domain.middle,
+    }
+    arrays |= _chart_arrays("domain", verb.domain.chart)
+    for name, basis in verb.bases.items():
+        prefix = f"bases.{name}"
+        arrays |= {f"{prefix}.{key}": getattr(basis, key) for key in ("centers", "radii", "radial", "poly")}
+        arrays |= _chart_arrays(prefix, basis.chart)
+    return {name: np.ascontiguousarray(array) for name, array in sorted(arrays.items())}
+
+
+def _chart_arrays(prefix: str, chart: Chart) -> Arrays:
+    return {f"{prefix}.chart.{key}": getattr(chart, key) for key in ("axes", "bend", "shift", "scale")}
+
+
+def _text(facts: dict[str, Any]) -> str:
+    """Facts as the one JSON text that stands for them."""
+    return json.dumps(facts, sort_keys=True, ensure_ascii=False, allow_nan=False)
+
+
+def _digest(arrays: Mapping[str, np.ndarray[Any, Any]], facts: dict[str, Any]) -> str:
+    """SHA-256 over the facts' text, then names, types, shapes and bytes of all arrays in order of their names."""
+    digest = hashlib.sha256(_text(facts).encode())
+    for name in sorted(arrays):
+        array = arrays[name]
+        digest.update(f"\n{name}:{array.dtype.str}:{array.shape}\n".encode())
+        digest.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
+    return digest.hexdigest()
+
+
+def _map(path: Path) -> tuple[Arrays, dict[str, Any]]:
+    """Read-only views of a safetensors file's arrays, and the facts in its header."""
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if not 16 <= size <= MAX_BYTES:
+                raise ArtifactCorrupt(path, f"is {size} bytes long, which no verb is")
+            block = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    except OSError as err:
+        raise ArtifactError(path, f"cannot be opened: {err.strerror or err}") from err
+    length = int.from_bytes(block[:8], "little")
+    if not 2 <= length <= min(MAX_HEADER_BYTES, size - 8):
+        raise ArtifactCorrupt(path, "does not start like a safetensors file")
+    try:
+        header = json.loads(block[8 : 8 + length].decode("utf-8"))
+        facts = json.loads(header.pop("__metadata__")["adverb"])
+        arrays = _views(path, block, 8 + length, header)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as err:
+        raise ArtifactCorrupt(path, f"has a header that is no verb's: {type(err).__name__}") from err
+    if not isinstance(facts, dict):
+        raise ArtifactCorrupt(path, "has a header that is no verb's")
+    return arrays, facts
+
+
+def _views(path: Path, block: mmap.mmap, start: int, header: dict[str, Any]) -> Arrays:
+    arrays: Arrays = {}
+    space = len(block) - start
+    for name, entry in header.items():
+        if entry["dtype"] not in _DTYPES:
+            raise ArtifactCorrupt(path, f"array '{name}' has the type {entry['dtype']!r:.20}")
+        dtype, shape = _DTYPES[entry["dtype"]], tuple(entry["shape"])
+        begin, end = entry["data_offsets"]
+        if len(shape) > 4 or not all(type(side) is int and 0 <= side <= 1 << 32 for side in (*shape, begin, end)):
+            raise ArtifactCorrupt(path, f"array '{name}' has an impossible shape")
+        count = int(np.prod(shape, dtype=object))
+        if end - begin != count * dtype.itemsize or not 0 <= begin <= end <= space or (start + begin) % dtype.itemsize:
+            raise ArtifactCorrupt(path, f"array '{name}' does not fit into the file")
+        array = np.frombuffer(block, dtype, count, start + begin).reshape(shape)
+        if dtype.kind == "f" and not np.isfinite(array).all():
+            raise ArtifactCorrupt(path, f"array '{name}' holds a number that is not finite")
+        arrays[name] = array
+    return arrays
+
+
+def _chart(arrays: Arrays, prefix: str, kind: int) -> Chart:
+    names = ("axes", "bend", "shift", "scale")
+    return Chart(kind, *(arrays[f"{prefix}.chart.{name}"] for name in names))
+
+
+def _basis(arrays: Arrays, name: str, facts: dict[str, Any]) -> Basis:
+    prefix = f"bases.{name}"
+    return Basis(
+        chart=_chart(arrays, prefix, facts["chart"]),
+        kernel=facts["kernel"],
+        degree=facts["degree"],
+        condition=facts["condition"],
+        **{key: arrays[f"{prefix}.{key}"] for key in ("centers", "radii", "radial", "poly")},
+    )
+
+
+def _verb(arrays: Arrays, facts: dict[str, Any]) -> Verb:
+    skeleton = Skeleton(
+        tuple(facts["joints"]),
+        arrays["skeleton.parents"],
+        arrays["skeleton.offsets"],
+        arrays["skeleton.tip_parents"],
+        arrays["skeleton.tip_offsets"],
+    )
+    adverbs = tuple(
+        Adverb(row["name"], row["unit"], row["description"], row["style"], *map(float, span))
+        for row, span in zip(facts["adverbs"], facts["ranges"], strict=True)
+    )
+    fields: dict[str, Any] = {key: arrays[f"measure.{key}"] for key in ("axes", "origin", "frame")}
+    measure = Measure(**facts["measure"], **fields)
+    domain = Domain(
+        _chart(arrays, "domain", facts["domain"]["chart"]),
+        arrays["domain.facets"],
+        arrays["domain.middle"],
+        facts["domain"]["sharpness"],
+    )
+    return Verb(
+        name=facts["name"],
+        description=facts["description"],
+        looping=facts["looping"],
+        skeleton=skeleton,
+        adverbs=adverbs,
+        examples=tuple(facts["examples"]),
+        values=arrays["values"],
+        keytime_names=tuple(facts["keytime_names"]),
+        keytimes=arrays["keytimes"],
+        phases=arrays["phases"],
+        curves=arrays["curves"],
+        references=arrays["references"],
+        rotation_mode=facts["rotation_mode"],
+        root_motion=facts["root_motion"],
+        strides=arrays["strides"],
+        measure=measure,
+        domain=domain,
+        bases={name: _basis(arrays, name, row) for name, row in facts["bases"].items()},
+        quality=facts["quality"],
+        provenance=facts["provenance"],
+    )

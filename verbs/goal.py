@@ -20,6 +20,12 @@ __all__ = ["Goal"]
 _SPLINE_AT_KNOT = np.array([1.0, 4.0, 1.0]) / 6.0
 
 
+def _at_keytime(verb: Verb, keytime: int) -> F64:
+    """Every example's row (N, 4 + 4·J) at a keytime, which lies on a key."""
+    key = round(verb.phases[keytime] * verb.intervals)
+    return np.asarray(np.einsum("t,tnc->nc", _SPLINE_AT_KNOT, verb.curves[key : key + 3].astype(np.float64)))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Goal:
     """The measured side of a verb, with the arrays that measuring needs.
@@ -27,8 +33,8 @@ class Goal:
     Parameters
     ----------
     verb : Verb
-    roots : (N, 3) or (K + 1, N, 3) float64
-        Root positions: at the effector's keytime, or at all keys for a jump.
+    roots : (N, 3) or (3, N, 3) float64
+        Root positions: at the effector's keytime, or at a jump's start, apex and end.
     rows : (L, N, 4) float64
         Rotation rows of the chain at the effector's keytime.
     references : (L, 4) float64
@@ -53,14 +59,13 @@ class Goal:
         chain = verb.skeleton.chain(measure.effector)
         roots, rows = np.zeros((0, 0, 3)), np.zeros((0, len(verb.examples), 4))
         if measure.kind == kernels.POSITION:
-            key = round(verb.phases[measure.keytime] * verb.intervals)
-            at_key = np.einsum("t,tnc->nc", _SPLINE_AT_KNOT, verb.curves[key : key + 3].astype(np.float64))
+            at_key = _at_keytime(verb, measure.keytime)
             roots = np.ascontiguousarray(at_key[:, :3])
             turns = at_key[:, 4:].reshape(len(verb.examples), -1, 4)
             rows = np.ascontiguousarray(turns[:, chain[:-1]].transpose(1, 0, 2))
         elif measure.kind == kernels.JUMP:
-            taps = np.lib.stride_tricks.sliding_window_view(verb.curves[:, :, :3].astype(np.float64), 3, axis=0)
-            roots = np.ascontiguousarray(taps @ _SPLINE_AT_KNOT)
+            marks = (0, measure.keytime, len(verb.phases) - 1)
+            roots = np.stack([_at_keytime(verb, mark)[:, :3] for mark in marks])
         return cls(
             verb,
             roots,

@@ -154,7 +154,7 @@ class Measure:
     effector : int
         Joint whose position matters.
     keytime : int
-        Keytime at which a joint position is measured; -1 where the whole motion is.
+        Keytime at which a joint position is measured, or a jump's apex; -1 where the whole motion is.
     axes : (m,) int64
         Adverbs that are measured, in the order of the measure.
     origin : (3,) float64
@@ -272,7 +272,8 @@ class Verb:
         inside = bool(np.all((measure.axes >= 0) & (measure.axes < dims)))
         _check(inside and measure.frame.shape == (3, len(measure.axes)), "measured adverbs")
         _check(measure.origin.shape == (3,), "the measure's origin has three numbers")
-        _check(measure.kind != measures.POSITION or measure.keytime >= 0, "a joint position needs its keytime")
+        marked = measure.kind not in (measures.POSITION, measures.JUMP) or measure.keytime >= 0
+        _check(marked, "a joint position needs its keytime, and a jump its apex")
         absolute = self.root_motion == poses.ABSOLUTE
         _check(
             measure.kind not in (measures.POSITION, measures.JUMP) or absolute,

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from verbs.blend.cardinal import Rbf
+from verbs.blend.corrected import Corrected
 from verbs.conventions import F64
 from verbs.errors import UnknownName
 from verbs.verb import Verb
@@ -23,14 +24,14 @@ class Method(Protocol):
 
 METHODS: dict[str, Callable[[Verb], Method]] = {
     "rbf": Rbf.of_verb,
+    "corrected": Corrected.of_verb,
 }
 """Every method by name, as a function that prepares it for a verb."""
 
 
 def default_method(verb: Verb) -> str:
-    """Name of the method that a verb uses when none is asked for."""
-    del verb  # one method so far serves them all
-    return "rbf"
+    """Name of the method that a verb uses when none is asked for: ``corrected`` for every measured verb."""
+    return "corrected" if "smooth" in verb.bases else "rbf"
 
 
 def make(name: str, verb: Verb) -> Method:

@@ -20,6 +20,9 @@ __all__ = ["cardinal", "chart_of", "domain_of", "normalised"]
 HULL_DIMENSIONS = 6
 """Above this a convex hull has too many facets to be of use; the domain is the bounding box instead."""
 
+SMOOTH_SHARE = 0.2
+"""The multiquadric's c in median nearest-neighbour distances; see ``docs/math.md``, "Kernel and chart"."""
+
 _FREE_AXES = np.zeros(3, np.int64)
 
 
@@ -134,3 +137,32 @@ def polynomial(points: F64, degree: int) -> F64:
     for k, point in enumerate(points):
         rbf.features(np.ascontiguousarray(point), degree, out[k])
     return out
+
+
+def smooth(chart: Chart, values: F64, *, share: float = SMOOTH_SHARE, names: tuple[str, ...] = ()) -> Basis:
+    """Smooth cardinal basis for correction: multiquadric with c = ``share`` × median nearest-neighbour distance.
+
+    Solved with its affine part in one system, so that the radial part is orthogonal to it.
+
+    Raises
+    ------
+    IllPosedVerb
+        If the system cannot be solved.
+    """
+    points = normalised(chart, values)
+    count = len(points)
+    distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    nearest = np.where(np.eye(count, dtype=bool), np.inf, distances).min(axis=1)
+    radii = np.full(count, share * np.median(nearest))
+    radial = np.array([[rbf.phi(rbf.MULTIQUADRIC, d / radii[0]) for d in row] for row in distances])
+    powers = polynomial(points, 1)
+    width = powers.shape[1]
+    system = np.block([[radial, powers], [powers.T, np.zeros((width, width))]])
+    right = np.concatenate([np.eye(count), np.zeros((width, count))])
+    try:
+        solved = np.linalg.solve(system, right)
+    except LinAlgError as err:
+        some = f" among {', '.join(names[:3])} …" if names else ""
+        raise IllPosedVerb(f"the smooth system is singular; examples lie too close to each other{some}") from err
+    condition = float(np.linalg.cond(system))
+    return Basis(chart, rbf.MULTIQUADRIC, 1, points, radii, solved[:count].copy(), solved[count:].copy(), condition)

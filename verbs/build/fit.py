@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from verbs.build import basis, curves
+from verbs.blend.methods import default_method
+from verbs.build import apex, basis, charting, curves
 from verbs.build.source import Source, SourceExample, read
 from verbs.conventions import F64
 from verbs.errors import IllPosedVerb, MotionFileError, SkeletonMismatch, SourceError, UnknownName
 from verbs.evaluate import Evaluator
 from verbs.goal import Goal
 from verbs.io import bvh
-from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
 from verbs.measure.domain import describe, random_points
@@ -36,6 +36,8 @@ KEYTIME_SLACK_S = 1e-3
 
 ADVERB_TOLERANCE = 0.005
 """A stored adverb that differs from the measured one by more (m, or m/s) is reported."""
+
+QUALITY_POINTS = 1_000
 
 IN_PLACE_M = 0.15
 """A jump shorter than this has no direction to speak of."""
@@ -75,6 +77,7 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     source = read(folder)
     motions, digests = _read_motions(source, say)
     keytimes = np.array([_checked_keytimes(source, e, m) for e, m in zip(source.examples, motions, strict=True)])
+    source, keytimes = apex.mark(source, motions, keytimes)
     say("fitting curves", 0, 1)
     names = [example.name for example in source.examples]
     root_motion = poses.STRIDE if source.looping else poses.ABSOLUTE
@@ -96,12 +99,11 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     stored = np.array([example.values for example in source.examples])
     draft = _draft(source, motions[0], keytimes - keytimes[:, :1], phases, fitted, stored, root_motion, mode)
     values, warnings, worst = _measured_values(draft, stored)
-    verb = replace(
-        draft, values=values, adverbs=_ranges(draft.adverbs, draft.measure, values), **_bases(source, draft, values)
-    )
+    fields, reason = _bases(source, draft, values)
+    verb = replace(draft, values=values, adverbs=_ranges(draft.adverbs, draft.measure, values), **fields)
     say("solving the basis", 1, 1)
     say("measuring", 0, 1)
-    quality = _quality(verb, motions, keytimes)
+    quality = {"chart_reason": reason, **_quality(verb, motions, keytimes)}
     say("measuring", 1, 1)
     provenance = {
         "source": source.provenance,
@@ -196,7 +198,11 @@ def _measure_of(source: Source, motion: Motion) -> Measure:
         raise SourceError(source.path, "measure 'root_velocity' needs looping = true")
     if kind != measures.VELOCITY and source.looping:
         raise SourceError(source.path, f"measure '{source.measure}' needs looping = false")
-    keytime = source.effector_keytime if kind == measures.POSITION else -1
+    keytime = -1
+    if kind == measures.POSITION:
+        keytime = source.effector_keytime
+    elif kind == measures.JUMP:
+        keytime = source.keytime_names.index(apex.NAME)
     return Measure(kind, effector, keytime, axes, np.zeros(3), frame)
 
 
@@ -214,7 +220,7 @@ def _draft(
     measure = _measure_of(source, motion)
     adverbs = tuple(Adverb(a.name, a.unit, a.description, a.style, 0.0, 0.0) for a in source.adverbs)
     examples = tuple(example.name for example in source.examples)
-    chart = charts_for(source, measure, stored)
+    chart = charting.plain(source, measure, stored)
     _check_duplicates(chart, stored, examples)
     _check_spread(chart, stored, tuple(a.name for a in adverbs))
     return Verb(
@@ -237,15 +243,6 @@ def _draft(
         domain=basis.domain_of(chart, stored),
         bases={"rbf": basis.cardinal(chart, stored, names=examples)},
     )
-
-
-def charts_for(source: Source, measure: Measure, values: F64) -> Chart:
-    """Chart in which a verb's domain lives."""
-    units = tuple(adverb.unit for adverb in source.adverbs)
-    if measure.kind == measures.JUMP:
-        style = tuple(unit for k, unit in enumerate(units) if k not in measure.axes)
-        return basis.chart_of(values, ("m", *style), kind=charts.PLANAR, axes=measure.axes)
-    return basis.chart_of(values, units)
 
 
 def _check_duplicates(chart: Chart, values: F64, names: tuple[str, ...]) -> None:
@@ -315,14 +312,15 @@ def _measured_values(draft: Verb, stored: F64) -> tuple[F64, list[str], str]:
     return values, warnings, lines[int(np.argmax(gaps))]
 
 
-def _bases(source: Source, draft: Verb, values: F64) -> dict[str, Any]:
-    """Domain and bases of the measured adverbs, as fields of a verb."""
-    chart = charts_for(source, draft.measure, values)
-    _check_duplicates(chart, values, draft.examples)
-    return {
-        "domain": basis.domain_of(chart, values),
-        "bases": {"rbf": basis.cardinal(chart, values, names=draft.examples)},
-    }
+def _bases(source: Source, draft: Verb, values: F64) -> tuple[dict[str, Any], str]:
+    """Domain and bases of the measured adverbs, as fields of a verb, and why the domain's chart is what it is."""
+    plain = charting.plain(source, draft.measure, values)
+    _check_duplicates(plain, values, draft.examples)
+    chart, reason = charting.choose(source, draft.measure, values, start=draft.curves[1, :, :3].mean(axis=0))
+    bases = {"rbf": basis.cardinal(plain, values, names=draft.examples)}
+    if draft.measure.kind != measures.NOTHING:
+        bases["smooth"] = basis.smooth(chart, values, names=draft.examples)
+    return {"domain": basis.domain_of(chart, values), "bases": bases}, reason
 
 
 def _quality(verb: Verb, motions: list[Motion], keytimes: F64) -> dict[str, Any]:
@@ -335,18 +333,25 @@ def _quality(verb: Verb, motions: list[Motion], keytimes: F64) -> dict[str, Any]
         "unit": verb.measure.unit,
     }
     if evaluator.goal.measurable:
-        at_examples = evaluator.blend(verb.values).error
-        inside = evaluator.blend(random_points(verb, np.random.default_rng(7), 1_000))
+        points = random_points(verb, np.random.default_rng(7), QUALITY_POINTS)
         quality |= {
-            "error_examples_max_m": float(at_examples.max()),
-            "error_mean_m": float(inside.error.mean()),
-            "error_max_m": float(inside.error.max()),
-            "samples": 1_000,
-            "method": inside.method,
+            "error_examples_max_m": float(evaluator.blend(verb.values).error.max()),
+            "samples": QUALITY_POINTS,
             "diagonal_m": diagonal(verb),
-            "weight_sum_max": float(np.abs(inside.weights).sum(axis=1).max()),
+            "method": default_method(verb),
+            "methods": {name: _inside(evaluator, name, points) for name in ("rbf", default_method(verb))},
         }
     return quality
+
+
+def _inside(evaluator: Evaluator, method: str, points: F64) -> dict[str, float]:
+    """Error and sum of absolute weights of one method inside the domain."""
+    blend = evaluator.blend(points, method=method)
+    return {
+        "error_mean_m": float(blend.error.mean()),
+        "error_max_m": float(blend.error.max()),
+        "weight_sum_max": float(np.abs(blend.weights).sum(axis=1).max()),
+    }
 
 
 def _curve_error(evaluator: Evaluator, motions: list[Motion], keytimes: F64) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from verbs.conventions import F64, I64
 from verbs.kernels.compile import kernel
-from verbs.kernels.pose import _multiply, _turn, finish_rotation
+from verbs.kernels.pose import add_turned, finish_rotation, multiply
 from verbs.kernels.timewarp import blend_keytimes, slopes, time_at
 
 __all__ = [
@@ -60,27 +60,22 @@ def position(weights: F64, mode: int, roots: F64, rows: F64, references: F64, of
             for a in range(4):
                 local[a] += weights[i] * rows[j, i, a]
         finish_rotation(mode, references[j], local)
-        _multiply(turn, local, product)
+        multiply(turn, local, product)
         turn[:] = product
-        _turn(turn, offsets[j], out)
+        add_turned(turn, offsets[j], out)
 
 
 @kernel
 def jump(weights: F64, roots: F64, out: F64) -> None:
-    """Displacement x, z from first to last key and rise of the root (3,), metres; ``roots`` is (K + 1, N, 3)."""
-    top, start, x, z = -np.inf, 0.0, 0.0, 0.0
-    last = roots.shape[0] - 1
-    for k in range(last + 1):
-        y = 0.0
-        for i in range(weights.shape[0]):
-            y += weights[i] * roots[k, i, 1]
-        top = max(top, y)
-        if k == 0:
-            start = y
+    """Displacement x, z from start to end and rise from start to apex of the root (3,), metres.
+
+    ``roots`` (3, N, 3) are the examples' roots at start, apex and end. All three are linear in the weights.
+    """
+    out[:] = 0.0
     for i in range(weights.shape[0]):
-        x += weights[i] * (roots[last, i, 0] - roots[0, i, 0])
-        z += weights[i] * (roots[last, i, 2] - roots[0, i, 2])
-    out[0], out[1], out[2] = x, z, top - start
+        out[0] += weights[i] * (roots[2, i, 0] - roots[0, i, 0])
+        out[1] += weights[i] * (roots[2, i, 2] - roots[0, i, 2])
+        out[2] += weights[i] * (roots[1, i, 1] - roots[0, i, 1])
 
 
 @kernel

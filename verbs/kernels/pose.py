@@ -40,7 +40,7 @@ def spline_taps(phase: float, intervals: int, taps: F64) -> int:
 
 
 @kernel
-def _multiply(a: F64, b: F64, out: F64) -> None:
+def multiply(a: F64, b: F64, out: F64) -> None:
     """Quaternion product of (4,) arrays; ``out`` may be neither of them."""
     out[0] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1]
     out[1] = a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0]
@@ -49,7 +49,7 @@ def _multiply(a: F64, b: F64, out: F64) -> None:
 
 
 @kernel
-def _turn(q: F64, v: F64, out: F64) -> None:
+def add_turned(q: F64, v: F64, out: F64) -> None:
     """Vector (3,) turned by a unit quaternion (4,), added to ``out``."""
     x = 2.0 * (q[1] * v[2] - q[2] * v[1])
     y = 2.0 * (q[2] * v[0] - q[0] * v[2])
@@ -132,9 +132,9 @@ def forward(root: F64, rotations: F64, parents: I64, offsets: F64, turns: F64, p
         positions[b, 0] = root[b]
         for j in range(1, parents.shape[0]):
             parent = parents[j]
-            _multiply(turns[b, parent], rotations[b, j], turns[b, j])
+            multiply(turns[b, parent], rotations[b, j], turns[b, j])
             positions[b, j] = positions[b, parent]
-            _turn(turns[b, parent], offsets[j], positions[b, j])
+            add_turned(turns[b, parent], offsets[j], positions[b, j])
 
 
 @kernel
@@ -210,7 +210,7 @@ def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: boo
         root[b, 0], root[b, 2] = place[0], place[1]
         heading[1], heading[3] = np.sin(0.5 * place[2]), np.cos(0.5 * place[2])
         local[:] = rotations[b, 0]
-        _multiply(heading, local, rotations[b, 0])
+        multiply(heading, local, rotations[b, 0])
 
 
 @kernel

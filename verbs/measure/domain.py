@@ -16,6 +16,9 @@ __all__ = ["Points", "Slice", "accuracy_points", "inside", "random_points", "sli
 EDGE = 1e-9
 """Slack of the hull test, so that nodes on its surface count as inside."""
 
+GRID_EDGE = 1.001
+"""Grids take in nodes up to 0.1 % outside the hull: examples on a straight edge are rounded, nodes are not."""
+
 _NAMES = {number: name for name, number in charts.CHARTS.items()}
 
 
@@ -63,12 +66,17 @@ def to_adverbs(domain: Domain, points: F64) -> F64:
     return out.reshape(points.shape)
 
 
+def to_points(domain: Domain, adverbs: F64) -> F64:
+    """Normalised chart points (B, D) of adverbs (B, D)."""
+    chart, points = domain.chart, np.empty(adverbs.shape)
+    for b, row in enumerate(np.ascontiguousarray(adverbs)):
+        charts.to_chart(chart.kind, chart.axes, chart.bend, row, points[b])
+    return np.asarray((points - chart.shift) * chart.scale)
+
+
 def bounds(verb: Verb) -> tuple[F64, F64]:
     """Bounding box of the examples in normalised chart coordinates."""
-    chart, points = verb.domain.chart, np.empty(verb.values.shape)
-    for i, row in enumerate(np.ascontiguousarray(verb.values)):
-        charts.to_chart(chart.kind, chart.axes, chart.bend, row, points[i])
-    points = (points - chart.shift) * chart.scale
+    points = to_points(verb.domain, verb.values)
     return points.min(axis=0), points.max(axis=0)
 
 
@@ -112,7 +120,7 @@ def accuracy_points(verb: Verb, *, count: int = 3_000, seed: int = 1) -> Points:
     low, high = bounds(verb)
     axes = [np.linspace(low[a], high[a], 41) for a in range(dims)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dims)
-    nodes = nodes[inside(verb.domain, nodes)]
+    nodes = nodes[inside(verb.domain, nodes, gauge=GRID_EDGE)]
     return Points(to_adverbs(verb.domain, nodes), f"{'×'.join(['41'] * dims)} grid over the {describe(verb)}")
 
 

@@ -1,0 +1,334 @@
+"""Corrected blending: weights moved until the measured point is the goal, by smooth steps of a fixed form.
+
+Each step is a minimum-norm Gauss–Newton step on the weights. The residual is saturated, so that no step overshoots
+onto another branch of solutions; what must not change (the sum of the weights, blended style adverbs) is projected
+out. Being a composition of smooth maps, the result is as smooth as the weights it starts from, and exact.
+
+Source: ``docs/math.md``, section "Corrected blending"; the Jacobians are derived there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from verbs.conventions import F64
+from verbs.kernels.compile import kernel
+from verbs.kernels.pose import ROTATION_VECTOR, add_turned, finish_rotation, multiply
+from verbs.kernels.timewarp import blend_keytimes, slopes, time_at
+
+__all__ = [
+    "correct_jumps",
+    "correct_positions",
+    "correct_velocities",
+    "jump_jacobian",
+    "position_jacobian",
+    "velocity_jacobian",
+]
+
+
+@kernel
+def step(weights: F64, goal: F64, point: F64, jacobian: F64, held: F64, scale: F64, rules: F64) -> float:
+    """Move weights (N,) one step from ``point`` (3,) toward ``goal`` (3,), in place; return the scaled distance.
+
+    Parameters
+    ----------
+    jacobian : (3, N) float64
+        Derivative of the point in the weights. Overwritten.
+    held : (S, N) float64
+        Orthonormal directions in which the weights must not move.
+    scale : (3,) float64
+        Units of the residual: 1 for metres, 1/range for mixed units.
+    rules : (4,) float64
+        Saturation of the residual, damping λ, distance at which to stop, most steps.
+    """
+    count = weights.shape[0]
+    residual, squared = np.empty(3), 0.0
+    for a in range(3):
+        residual[a] = scale[a] * (goal[a] - point[a])
+        squared += residual[a] * residual[a]
+    distance = np.sqrt(squared)
+    if distance < rules[2]:
+        return distance
+    shrink = 1.0 / np.sqrt(1.0 + squared / (rules[0] * rules[0]))
+    for a in range(3):
+        for i in range(count):
+            jacobian[a, i] *= scale[a]
+        for s in range(held.shape[0]):
+            share = 0.0
+            for i in range(count):
+                share += jacobian[a, i] * held[s, i]
+            for i in range(count):
+                jacobian[a, i] -= share * held[s, i]
+    normal, pull = np.empty((3, 3)), np.empty(3)
+    for a in range(3):
+        for b in range(a, 3):
+            total = 0.0
+            for i in range(count):
+                total += jacobian[a, i] * jacobian[b, i]
+            normal[a, b] = normal[b, a] = total
+        normal[a, a] += rules[1]
+    _solve(normal, residual, pull)
+    for i in range(count):
+        weights[i] += shrink * (jacobian[0, i] * pull[0] + jacobian[1, i] * pull[1] + jacobian[2, i] * pull[2])
+    return distance
+
+
+@kernel
+def _solve(matrix: F64, right: F64, out: F64) -> None:
+    """Solve a symmetric positive system (3, 3) by Cholesky's factors."""
+    a = np.sqrt(matrix[0, 0])
+    b, c = matrix[0, 1] / a, matrix[0, 2] / a
+    d = np.sqrt(max(matrix[1, 1] - b * b, 1e-300))
+    e = (matrix[1, 2] - b * c) / d
+    f = np.sqrt(max(matrix[2, 2] - c * c - e * e, 1e-300))
+    x = right[0] / a
+    y = (right[1] - b * x) / d
+    z = (right[2] - c * x - e * y) / f
+    out[2] = z / f
+    out[1] = (y - e * out[2]) / d
+    out[0] = (x - b * out[1] - c * out[2]) / a
+
+
+@kernel
+def _rates(mode: int, reference: F64, blended: F64, length: float, out: F64) -> None:
+    """Matrix (3, 4) from an example's row to the angular velocity, in the joint's frame, as its weight grows.
+
+    ``blended`` is the finished quaternion (4,), ``length`` that of the sum it came from. Sums of quaternions give
+    2/|Σ w q| · vec(q⁻¹ q_i); rotation vectors give the exponential's right Jacobian at Σ w v.
+    """
+    if mode != ROTATION_VECTOR:
+        s, x, y, z, w = 2.0 / length, blended[0], blended[1], blended[2], blended[3]
+        out[0, 0], out[0, 1], out[0, 2], out[0, 3] = s * w, s * z, -s * y, -s * x
+        out[1, 0], out[1, 1], out[1, 2], out[1, 3] = -s * z, s * w, s * x, -s * y
+        out[2, 0], out[2, 1], out[2, 2], out[2, 3] = s * y, -s * x, s * w, -s * z
+        return
+    back, turn, v = np.empty(4), np.empty(4), np.empty(3)
+    back[0], back[1], back[2], back[3] = -reference[0], -reference[1], -reference[2], reference[3]
+    multiply(back, blended, turn)
+    sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+    angle = 2.0 * np.arctan2(sine, turn[3])
+    for a in range(3):
+        v[a] = turn[a] * (angle / sine if sine > 1e-9 else 2.0)
+    square = angle * angle
+    first = (1.0 - np.cos(angle)) / square if angle > 1e-4 else 0.5
+    second = (angle - np.sin(angle)) / (square * angle) if angle > 1e-3 else 1.0 / 6.0
+    out[:] = 0.0
+    for a in range(3):
+        out[a, a] = 1.0 - second * square
+        for b in range(3):
+            out[a, b] += second * v[a] * v[b]
+    out[0, 1] += first * v[2]
+    out[0, 2] -= first * v[1]
+    out[1, 0] -= first * v[2]
+    out[1, 2] += first * v[0]
+    out[2, 0] += first * v[1]
+    out[2, 1] -= first * v[0]
+
+
+@kernel
+def position_jacobian(
+    weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, links: F64, point: F64, jacobian: F64
+) -> None:
+    """Effector position (3,) and its Jacobian (3, N) in the weights.
+
+    Arrays as in :func:`verbs.kernels.measure.position`; ``links`` (L, 12) is scratch: per joint of the chain its
+    global rotation, blended rotation, place and length of sum.
+    """
+    count = weights.shape[0]
+    point[:] = 0.0
+    for i in range(count):
+        for a in range(3):
+            point[a] += weights[i] * roots[i, a]
+            jacobian[a, i] = roots[i, a]
+    for j in range(rows.shape[0]):
+        link = links[j]
+        local = link[4:8]
+        local[:] = 0.0
+        for i in range(count):
+            for a in range(4):
+                local[a] += weights[i] * rows[j, i, a]
+        link[11] = max(finish_rotation(mode, references[j], local), 0.3)
+        link[8:11] = point
+        if j == 0:
+            link[0:4] = local
+        else:
+            multiply(links[j - 1, 0:4], local, link[0:4])
+        add_turned(link[0:4], offsets[j], point)
+    rates, column, turned = np.empty((3, 4)), np.empty(3), np.empty(3)
+    for j in range(rows.shape[0]):
+        link = links[j]
+        _rates(mode, references[j], link[4:8], link[11], rates)
+        x, y, z = point[0] - link[8], point[1] - link[9], point[2] - link[10]
+        for c in range(4):  # each column becomes (G · column) × (point − place)
+            for a in range(3):
+                column[a] = rates[a, c]
+            turned[:] = 0.0
+            add_turned(link[0:4], column, turned)
+            rates[0, c] = turned[1] * z - turned[2] * y
+            rates[1, c] = turned[2] * x - turned[0] * z
+            rates[2, c] = turned[0] * y - turned[1] * x
+        for i in range(count):
+            row = rows[j, i]
+            for a in range(3):
+                jacobian[a, i] += (
+                    rates[a, 0] * row[0] + rates[a, 1] * row[1] + rates[a, 2] * row[2] + rates[a, 3] * row[3]
+                )
+
+
+@kernel
+def jump_jacobian(weights: F64, roots: F64, point: F64, jacobian: F64) -> None:
+    """Displacement x, z and rise (3,) of a jump and their Jacobian (3, N); arrays as in :func:`measure.jump`."""
+    point[:] = 0.0
+    for i in range(weights.shape[0]):
+        jacobian[0, i] = roots[2, i, 0] - roots[0, i, 0]
+        jacobian[1, i] = roots[2, i, 2] - roots[0, i, 2]
+        jacobian[2, i] = roots[1, i, 1] - roots[0, i, 1]
+        for a in range(3):
+            point[a] += weights[i] * jacobian[a, i]
+
+
+@kernel
+def _slope_shares(phases: F64, keytimes: F64, bent: F64) -> None:
+    """Derivatives (M - 1, M) of the time-warp's slopes in the segment lengths, by central differences."""
+    marks = phases.shape[0]
+    moved, ahead = np.empty(marks), np.empty(marks)
+    for m in range(marks - 1):
+        grow = 1e-5 * (keytimes[m + 1] - keytimes[m])
+        for sign in (1.0, -1.0):
+            for n in range(marks):
+                moved[n] = keytimes[n] + (sign * grow if n > m else 0.0)
+            slopes(phases, moved, True, ahead)
+            for n in range(marks):
+                bent[m, n] = ahead[n] if sign > 0 else (bent[m, n] - ahead[n]) / (2.0 * grow)
+
+
+@kernel
+def velocity_jacobian(
+    weights: F64, strides: F64, phases: F64, log_lengths: F64, point: F64, jacobian: F64, shares: F64
+) -> None:
+    """Forward speed, turn rate, sideways speed (3,) over a cycle and their Jacobian (3, N).
+
+    ``shares`` (2, N) is scratch. Time enters through few numbers, the segment lengths: its part is summed over them
+    and chained to the examples last.
+    """
+    count, marks, intervals = weights.shape[0], phases.shape[0], strides.shape[0]
+    keytimes, tangents, bent = np.empty(marks), np.empty(marks), np.empty((marks - 1, marks))
+    blend_keytimes(weights, log_lengths, keytimes)
+    slopes(phases, keytimes, True, tangents)
+    _slope_shares(phases, keytimes, bent)
+    duration, total = keytimes[marks - 1], 0.0
+    headings, spin = shares[0], shares[1]
+    spin[:] = 0.0
+    for k in range(intervals):
+        for i in range(count):
+            spin[i] += strides[k, i, 2]
+    for i in range(count):
+        total += weights[i] * spin[i]
+    rate = total / duration
+    headings[:] = 0.0
+    jacobian[:] = 0.0
+    pace = np.zeros((2, marks))  # Σ_k (x, z) · ∂(mid time)/∂(length m); the last column holds Σ_k (x, z) · mid time
+    now, then, moved = np.zeros(marks - 1), np.empty(marks - 1), np.empty(3)
+    heading, before, x_sum, z_sum = 0.0, 0.0, 0.0, 0.0
+    for k in range(intervals):
+        moved[:] = 0.0
+        for i in range(count):
+            for a in range(3):
+                moved[a] += weights[i] * strides[k, i, a]
+        phase = (k + 1.0) / intervals
+        after = time_at(phases, keytimes, tangents, phase)
+        _time_shares(phases, bent, phase, then)
+        middle = 0.5 * (before + after)
+        angle = heading + 0.5 * moved[2] - rate * middle
+        cosine, sine = np.cos(angle), np.sin(angle)
+        x, z = moved[0] * cosine + moved[1] * sine, -moved[0] * sine + moved[1] * cosine
+        for m in range(marks - 1):
+            pace[0, m] += x * 0.5 * (now[m] + then[m])
+            pace[1, m] += z * 0.5 * (now[m] + then[m])
+            now[m] = then[m]
+        pace[0, marks - 1] += x * middle
+        pace[1, marks - 1] += z * middle
+        for i in range(count):
+            side, ahead, turn = strides[k, i, 0], strides[k, i, 1], headings[i] + 0.5 * strides[k, i, 2]
+            jacobian[0, i] += -side * sine + ahead * cosine - turn * x
+            jacobian[2, i] += side * cosine + ahead * sine + turn * z
+            headings[i] += strides[k, i, 2]
+        x_sum, z_sum, before = x_sum + x, z_sum + z, after
+        heading += moved[2]
+    point[0], point[1], point[2] = z_sum / duration, rate, x_sum / duration
+    for i in range(count):
+        whole, slow_x, slow_z = 0.0, 0.0, 0.0
+        for m in range(marks - 1):
+            growth = (keytimes[m + 1] - keytimes[m]) * log_lengths[i, m]
+            whole += growth
+            slow_x += pace[0, m] * growth
+            slow_z += pace[1, m] * growth
+        turning = (spin[i] - rate * whole) / duration
+        dx = jacobian[2, i] - turning * pace[1, marks - 1] - rate * slow_z
+        dz = jacobian[0, i] + turning * pace[0, marks - 1] + rate * slow_x
+        jacobian[0, i] = (dz - point[0] * whole) / duration
+        jacobian[1, i] = turning
+        jacobian[2, i] = (dx - point[2] * whole) / duration
+
+
+@kernel
+def _time_shares(phases: F64, bent: F64, phase: float, out: F64) -> None:
+    """Derivatives (M - 1,) of the seconds at a phase in the segment lengths; ``bent`` of :func:`_slope_shares`."""
+    segment = 0
+    while segment < phases.shape[0] - 2 and phase >= phases[segment + 1]:
+        segment += 1
+    width = phases[segment + 1] - phases[segment]
+    u = (phase - phases[segment]) / width
+    v = 1.0 - u
+    for m in range(out.shape[0]):
+        start = 1.0 if m < segment else 0.0
+        end = 1.0 if m <= segment else 0.0
+        flat = v * v * (1.0 + 2.0 * u) * start + u * u * (3.0 - 2.0 * u) * end
+        out[m] = flat + width * u * v * (v * bent[m, segment] - u * bent[m, segment + 1])
+
+
+@kernel
+def correct_positions(
+    weights: F64,
+    goals: F64,
+    held: F64,
+    scale: F64,
+    rules: F64,
+    mode: int,
+    roots: F64,
+    rows: F64,
+    references: F64,
+    offsets: F64,
+) -> None:
+    """Correct weights (B, N) in place until effectors are at goals (B, 3)."""
+    point, jacobian = np.empty(3), np.empty((3, weights.shape[1]))
+    links = np.empty((rows.shape[0], 12))
+    for b in range(weights.shape[0]):
+        for _ in range(int(rules[3])):
+            position_jacobian(weights[b], mode, roots, rows, references, offsets, links, point, jacobian)
+            if step(weights[b], goals[b], point, jacobian, held, scale, rules) < rules[2]:
+                break
+
+
+@kernel
+def correct_jumps(weights: F64, goals: F64, held: F64, scale: F64, rules: F64, roots: F64) -> None:
+    """Correct weights (B, N) in place until jumps have the displacement and rise of goals (B, 3)."""
+    point, jacobian = np.empty(3), np.empty((3, weights.shape[1]))
+    for b in range(weights.shape[0]):
+        for _ in range(int(rules[3])):
+            jump_jacobian(weights[b], roots, point, jacobian)
+            if step(weights[b], goals[b], point, jacobian, held, scale, rules) < rules[2]:
+                break
+
+
+@kernel
+def correct_velocities(
+    weights: F64, goals: F64, held: F64, scale: F64, rules: F64, strides: F64, phases: F64, log_lengths: F64
+) -> None:
+    """Correct weights (B, N) in place until cycles have the speeds of goals (B, 3)."""
+    point, jacobian, shares = np.empty(3), np.empty((3, weights.shape[1])), np.empty((2, weights.shape[1]))
+    for b in range(weights.shape[0]):
+        for _ in range(int(rules[3])):
+            velocity_jacobian(weights[b], strides, phases, log_lengths, point, jacobian, shares)
+            if step(weights[b], goals[b], point, jacobian, held, scale, rules) < rules[2]:
+                break

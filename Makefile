@@ -47,6 +47,7 @@ lock: setup  ## resolve the newest allowed versions into the lock files
 
 generate: setup  ## rewrite generated files: openapi.json, built-in verbs
 	@$(BIN)/python -m verbs.library.author
+	@$(BIN)/python -m verbs.library.author.build
 	@$(BIN)/python -m service.openapi
 
 bench: setup  ## measure speed; prints ratios in one run

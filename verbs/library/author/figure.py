@@ -1,0 +1,67 @@
+"""A body that can be posed: what the solver needs to know beyond the skeleton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from verbs.conventions import F64, I64, Floats
+from verbs.kernels import fk
+from verbs.skeleton import Skeleton
+
+__all__ = ["Figure", "Pose"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """One pose: where the root is and how every joint is turned.
+
+    Parameters
+    ----------
+    root : (3,) float64
+        Position of the root, metres.
+    rotations : (J, 4) float64
+        Local rotations, unit quaternions.
+    """
+
+    root: F64
+    rotations: F64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Figure:
+    """A body that can be posed: what the solver needs to know beyond the skeleton.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        The joints.
+    rest : Pose
+        How it stands.
+    stiffness : (J, 3) float64
+        Cost of one radian about each joint's own axes; 0 where the joint cannot turn.
+    lower, upper : (J, 3) float64
+        Soft limits of the rotation vector about the rest pose, radians.
+    mass_shares : (J,) float64
+        Weights of the joint positions whose sum is the centre of mass; they sum to 1.
+    """
+
+    skeleton: Skeleton
+    rest: Pose
+    stiffness: F64
+    lower: F64
+    upper: F64
+    mass_shares: F64
+
+    def joints(self, *names: str) -> I64:
+        """Indices of the named joints."""
+        return np.array([self.skeleton.index(name) for name in names], np.int64)
+
+    def forward(self, pose: Pose) -> tuple[F64, F64]:
+        """Global rotations (J, 4) and positions (J, 3) of a pose."""
+        return fk.forward(pose.root, pose.rotations, self.skeleton.parents, self.skeleton.offsets)
+
+    def centre_of_mass(self, positions: Floats) -> F64:
+        """Centre of mass (..., 3) of joint positions (..., J, 3)."""
+        return np.asarray(np.einsum("j,...jk->...k", self.mass_shares, positions))

@@ -1,0 +1,129 @@
+"""Authored examples to a verb source: BVH files and the verb.toml that describes them, always the same bytes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from verbs.conventions import F64, Floats
+from verbs.io import bvh
+from verbs.kernels import fk
+from verbs.motion import Motion
+
+__all__ = ["Adverb", "Example", "Source", "measured", "write"]
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class Adverb:
+    """One parameter of a verb; ``style`` marks one whose value cannot be measured from the motion."""
+
+    name: str
+    unit: str
+    description: str
+    style: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Example:
+    """One authored motion.
+
+    Parameters
+    ----------
+    name : str
+        Its file is ``<name>.bvh``.
+    motion : Motion
+        The motion.
+    keytimes : (K,) float64
+        Seconds, each on a frame.
+    style : tuple of float
+        Values of the style adverbs, which stand after the measured ones.
+    """
+
+    name: str
+    motion: Motion
+    keytimes: F64
+    style: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """A verb to be written.
+
+    Parameters
+    ----------
+    comment : str
+        First lines of verb.toml.
+    keys : mapping
+        Top-level keys of verb.toml in order; ``name``, ``effector`` and ``effector_keytime_index`` among them.
+    adverbs : sequence of Adverb
+        Measured adverbs are named x, y or z after the effector's coordinate.
+    examples : iterable of Example
+        May author lazily.
+    decimals : int
+        Digits after the point in the BVH files, degrees and metres.
+    """
+
+    comment: str
+    keys: Mapping[str, object]
+    adverbs: tuple[Adverb, ...]
+    examples: Iterable[Example]
+    decimals: int
+
+
+def write(source: Source, folder: Path) -> Iterable[str]:
+    """Write a verb source into a folder, one step at a time; BVH files that no longer belong to it are removed.
+
+    Yields
+    ------
+    name : str
+        Of each example when its file is written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    blocks, written = [], set()
+    for example in source.examples:
+        path = folder / f"{example.name}.bvh"
+        bvh.write(example.motion, path, decimals=source.decimals)
+        point = measured(source, path, example.keytimes)
+        values = [round(float(point[_AXES[each.name]]), 9) for each in source.adverbs if not each.style]
+        rows = {"file": path.name, "keytimes": example.keytimes.tolist(), "adverb_values": [*values, *example.style]}
+        blocks.append(_table("[[example]]", rows))
+        written.add(path)
+        yield example.name
+    for stale in sorted(set(folder.glob("*.bvh")) - written):
+        stale.unlink()
+    head = "".join(f"# {line}\n" for line in source.comment.splitlines())
+    units = _table("[units]", {"length": "m", "time": "s", "bvh_angle": "deg"})
+    adverbs = [_table("[[adverb]]", _adverb_rows(each)) for each in source.adverbs]
+    text = "\n".join([head + _rows(source.keys), units, *adverbs, *blocks])
+    (folder / "verb.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+def measured(source: Source, path: Path, keytimes: Floats) -> F64:
+    """Position (3,) of the effector at its keytime, from a written file: what a reader of that file will find."""
+    motion = bvh.read(path)
+    index = source.keys["effector_keytime_index"]
+    assert isinstance(index, int)  # an author's mistake, not a user's
+    frame = round(float(np.asarray(keytimes)[index]) * motion.fps)
+    skeleton = motion.skeleton
+    positions = fk.forward(motion.root[frame], motion.rotations[frame], skeleton.parents, skeleton.offsets)[1]
+    return np.asarray(positions[skeleton.index(str(source.keys["effector"]))])
+
+
+def _adverb_rows(adverb: Adverb) -> dict[str, object]:
+    rows: dict[str, object] = {"name": adverb.name, "unit": adverb.unit, "description": adverb.description}
+    return rows | {"style": True} if adverb.style else rows
+
+
+def _table(heading: str, rows: Mapping[str, object]) -> str:
+    return f"{heading}\n{_rows(rows)}"
+
+
+def _rows(rows: Mapping[str, object]) -> str:
+    # JSON writes strings, numbers, lists and booleans exactly as TOML reads them.
+    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in rows.items())

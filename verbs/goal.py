@@ -42,6 +42,8 @@ class Goal:
     log_lengths : (N, M - 1) float64
     inverse : (m, 3) float64
         Pseudo-inverse of the measure's frame.
+    starts, chain : (3, N), (4·L, N) float64
+        Roots and rows with the examples last, as correction wants them.
     """
 
     verb: Verb
@@ -51,6 +53,8 @@ class Goal:
     offsets: F64
     log_lengths: F64
     inverse: F64
+    starts: F64
+    chain: F64
 
     @classmethod
     def of_verb(cls, verb: Verb) -> Goal:
@@ -74,6 +78,8 @@ class Goal:
             np.ascontiguousarray(verb.skeleton.offsets[chain[1:]]),
             np.log(np.diff(verb.keytimes, axis=1)),
             np.ascontiguousarray(np.linalg.pinv(measure.frame)),
+            np.ascontiguousarray(roots.T) if roots.ndim == 2 else np.zeros((3, 0)),
+            np.ascontiguousarray(rows.transpose(0, 2, 1)).reshape(-1, len(verb.examples)),
         )
 
     @property

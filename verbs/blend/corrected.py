@@ -81,7 +81,7 @@ class Corrected:
         rules = (self.held, self.scale, self.rules)
         if verb.measure.kind == measures.POSITION:
             kernels.correct_positions(
-                weights, goals, *rules, verb.rotation_mode, goal.roots, goal.rows, goal.references, goal.offsets
+                weights, goals, *rules, verb.rotation_mode, goal.starts, goal.chain, goal.references, goal.offsets
             )
         elif verb.measure.kind == measures.JUMP:
             kernels.correct_jumps(weights, goals, *rules, goal.roots)

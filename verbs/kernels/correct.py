@@ -13,7 +13,7 @@ import numpy as np
 
 from verbs.conventions import F64
 from verbs.kernels.compile import kernel
-from verbs.kernels.pose import ROTATION_VECTOR, add_turned, finish_rotation, multiply
+from verbs.kernels.pose import NLERP, ROTATION_VECTOR, finish_rotation, multiply
 from verbs.kernels.timewarp import blend_keytimes, slopes, time_at
 
 __all__ = [
@@ -42,10 +42,8 @@ def step(weights: F64, goal: F64, point: F64, jacobian: F64, held: F64, scale: F
         Saturation of the residual, damping λ, distance at which to stop, most steps.
     """
     count = weights.shape[0]
-    residual, squared = np.empty(3), 0.0
-    for a in range(3):
-        residual[a] = scale[a] * (goal[a] - point[a])
-        squared += residual[a] * residual[a]
+    x, y, z = scale[0] * (goal[0] - point[0]), scale[1] * (goal[1] - point[1]), scale[2] * (goal[2] - point[2])
+    squared = x * x + y * y + z * z
     distance = np.sqrt(squared)
     if distance < rules[2]:
         return distance
@@ -59,34 +57,30 @@ def step(weights: F64, goal: F64, point: F64, jacobian: F64, held: F64, scale: F
                 share += jacobian[a, i] * held[s, i]
             for i in range(count):
                 jacobian[a, i] -= share * held[s, i]
-    normal, pull = np.empty((3, 3)), np.empty(3)
-    for a in range(3):
-        for b in range(a, 3):
-            total = 0.0
-            for i in range(count):
-                total += jacobian[a, i] * jacobian[b, i]
-            normal[a, b] = normal[b, a] = total
-        normal[a, a] += rules[1]
-    _solve(normal, residual, pull)
+    xx, xy, xz, yy, yz, zz = rules[1], 0.0, 0.0, rules[1], 0.0, rules[1]
     for i in range(count):
-        weights[i] += shrink * (jacobian[0, i] * pull[0] + jacobian[1, i] * pull[1] + jacobian[2, i] * pull[2])
+        jx, jy, jz = jacobian[0, i], jacobian[1, i], jacobian[2, i]
+        xx += jx * jx
+        xy += jx * jy
+        xz += jx * jz
+        yy += jy * jy
+        yz += jy * jz
+        zz += jz * jz
+    # Cholesky's factors of the symmetric 3×3 system, written out
+    a0 = np.sqrt(xx)
+    b0, c0 = xy / a0, xz / a0
+    d0 = np.sqrt(max(yy - b0 * b0, 1e-300))
+    e0 = (yz - b0 * c0) / d0
+    f0 = np.sqrt(max(zz - c0 * c0 - e0 * e0, 1e-300))
+    x /= a0
+    y = (y - b0 * x) / d0
+    z = (z - c0 * x - e0 * y) / f0
+    z /= f0
+    y = (y - e0 * z) / d0
+    x = (x - b0 * y - c0 * z) / a0
+    for i in range(count):
+        weights[i] += shrink * (jacobian[0, i] * x + jacobian[1, i] * y + jacobian[2, i] * z)
     return distance
-
-
-@kernel
-def _solve(matrix: F64, right: F64, out: F64) -> None:
-    """Solve a symmetric positive system (3, 3) by Cholesky's factors."""
-    a = np.sqrt(matrix[0, 0])
-    b, c = matrix[0, 1] / a, matrix[0, 2] / a
-    d = np.sqrt(max(matrix[1, 1] - b * b, 1e-300))
-    e = (matrix[1, 2] - b * c) / d
-    f = np.sqrt(max(matrix[2, 2] - c * c - e * e, 1e-300))
-    x = right[0] / a
-    y = (right[1] - b * x) / d
-    z = (right[2] - c * x - e * y) / f
-    out[2] = z / f
-    out[1] = (y - e * out[2]) / d
-    out[0] = (x - b * out[1] - c * out[2]) / a
 
 
 @kernel
@@ -126,52 +120,101 @@ def _rates(mode: int, reference: F64, blended: F64, length: float, out: F64) -> 
 
 
 @kernel
+def _lever(turn: F64, x: float, y: float, z: float, rates: F64, out: F64) -> None:
+    """Matrix (3, 4) from an example's row to the effector's velocity: (G · rates) × (point − place).
+
+    ``turn`` (4,) is the joint's global rotation G; x, y, z is the way from the joint to the effector.
+    """
+    a, b, c, d = turn[0], turn[1], turn[2], turn[3]
+    xx, yy, zz = 1.0 - 2.0 * (b * b + c * c), 1.0 - 2.0 * (a * a + c * c), 1.0 - 2.0 * (a * a + b * b)
+    xy, xz, yz = 2.0 * (a * b - c * d), 2.0 * (a * c + b * d), 2.0 * (b * c - a * d)
+    yx, zx, zy = 2.0 * (a * b + c * d), 2.0 * (a * c - b * d), 2.0 * (b * c + a * d)
+    for k in range(4):
+        p = xx * rates[0, k] + xy * rates[1, k] + xz * rates[2, k]
+        q = yx * rates[0, k] + yy * rates[1, k] + yz * rates[2, k]
+        r = zx * rates[0, k] + zy * rates[1, k] + zz * rates[2, k]
+        out[0, k], out[1, k], out[2, k] = q * z - r * y, r * x - p * z, p * y - q * x
+
+
+@kernel
 def position_jacobian(
-    weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, links: F64, point: F64, jacobian: F64
+    weights: F64,
+    mode: int,
+    roots: F64,
+    rows: F64,
+    references: F64,
+    offsets: F64,
+    turns: F64,
+    locals_: F64,
+    places: F64,
+    rates: F64,
+    point: F64,
+    jacobian: F64,
 ) -> None:
     """Effector position (3,) and its Jacobian (3, N) in the weights.
 
-    Arrays as in :func:`verbs.kernels.measure.position`; ``links`` (L, 12) is scratch: per joint of the chain its
-    global rotation, blended rotation, place and length of sum.
+    Parameters
+    ----------
+    weights : (N,) float64
+    mode : int
+        How rotations blend, see :mod:`verbs.kernels.pose`.
+    roots : (3, N) float64
+        Root position of each example at the keytime.
+    rows : (4·L, N) float64
+        Rotation rows of the L joints of the chain from the root to the effector's parent.
+    references : (L, 4) float64
+    offsets : (L, 3) float64
+        Offset of the next joint of the chain; the last one is the effector's.
+    turns, locals_, places, rates : (L, 4), (L, 4), (L, 4), (2, 3, 4) float64
+        Scratch: global and blended rotations; places and lengths of sums; matrices from rows to velocities.
+    point, jacobian : (3,), (3, N) float64
+        Written.
     """
     count = weights.shape[0]
-    point[:] = 0.0
-    for i in range(count):
-        for a in range(3):
-            point[a] += weights[i] * roots[i, a]
-            jacobian[a, i] = roots[i, a]
-    for j in range(rows.shape[0]):
-        link = links[j]
-        local = link[4:8]
-        local[:] = 0.0
+    for a in range(3):
+        total = 0.0
         for i in range(count):
-            for a in range(4):
-                local[a] += weights[i] * rows[j, i, a]
-        link[11] = max(finish_rotation(mode, references[j], local), 0.3)
-        link[8:11] = point
-        if j == 0:
-            link[0:4] = local
+            total += weights[i] * roots[a, i]
+            jacobian[a, i] = roots[a, i]
+        point[a] = total
+    # Quaternions of the chain are kept in scalars: a view of a row costs as much as the product itself.
+    gx, gy, gz, gw = 0.0, 0.0, 0.0, 1.0
+    for j in range(references.shape[0]):
+        for a in range(4):
+            total = 0.0
+            for i in range(count):
+                total += weights[i] * rows[4 * j + a, i]
+            locals_[j, a] = total
+        x, y, z, w = locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3]
+        length = np.sqrt(x * x + y * y + z * z + w * w)
+        if mode == NLERP and length >= 0.3:
+            x, y, z, w = x / length, y / length, z / length, w / length
+            locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3] = x, y, z, w
         else:
-            multiply(links[j - 1, 0:4], local, link[0:4])
-        add_turned(link[0:4], offsets[j], point)
-    rates, column, turned = np.empty((3, 4)), np.empty(3), np.empty(3)
-    for j in range(rows.shape[0]):
-        link = links[j]
-        _rates(mode, references[j], link[4:8], link[11], rates)
-        x, y, z = point[0] - link[8], point[1] - link[9], point[2] - link[10]
-        for c in range(4):  # each column becomes (G · column) × (point − place)
-            for a in range(3):
-                column[a] = rates[a, c]
-            turned[:] = 0.0
-            add_turned(link[0:4], column, turned)
-            rates[0, c] = turned[1] * z - turned[2] * y
-            rates[1, c] = turned[2] * x - turned[0] * z
-            rates[2, c] = turned[0] * y - turned[1] * x
-        for i in range(count):
-            row = rows[j, i]
-            for a in range(3):
+            length = max(finish_rotation(mode, references[j], locals_[j]), 0.3)
+            x, y, z, w = locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3]
+        places[j, 0], places[j, 1], places[j, 2], places[j, 3] = point[0], point[1], point[2], length
+        gx, gy, gz, gw = (
+            gw * x + gx * w + gy * z - gz * y,
+            gw * y - gx * z + gy * w + gz * x,
+            gw * z + gx * y - gy * x + gz * w,
+            gw * w - gx * x - gy * y - gz * z,
+        )
+        turns[j, 0], turns[j, 1], turns[j, 2], turns[j, 3] = gx, gy, gz, gw
+        p, q, r = offsets[j, 0], offsets[j, 1], offsets[j, 2]
+        x, y, z = 2.0 * (gy * r - gz * q), 2.0 * (gz * p - gx * r), 2.0 * (gx * q - gy * p)
+        point[0] += p + gw * x + gy * z - gz * y
+        point[1] += q + gw * y + gz * x - gx * z
+        point[2] += r + gw * z + gx * y - gy * x
+    for j in range(references.shape[0]):
+        _rates(mode, references[j], locals_[j], places[j, 3], rates[0])
+        x, y, z = point[0] - places[j, 0], point[1] - places[j, 1], point[2] - places[j, 2]
+        _lever(turns[j], x, y, z, rates[0], rates[1])
+        for a in range(3):
+            p, q, r, s = rates[1, a, 0], rates[1, a, 1], rates[1, a, 2], rates[1, a, 3]
+            for i in range(count):
                 jacobian[a, i] += (
-                    rates[a, 0] * row[0] + rates[a, 1] * row[1] + rates[a, 2] * row[2] + rates[a, 3] * row[3]
+                    p * rows[4 * j, i] + q * rows[4 * j + 1, i] + r * rows[4 * j + 2, i] + s * rows[4 * j + 3, i]
                 )
 
 
@@ -301,11 +344,12 @@ def correct_positions(
     offsets: F64,
 ) -> None:
     """Correct weights (B, N) in place until effectors are at goals (B, 3)."""
-    point, jacobian = np.empty(3), np.empty((3, weights.shape[1]))
-    links = np.empty((rows.shape[0], 12))
+    links, point, jacobian = references.shape[0], np.empty(3), np.empty((3, weights.shape[1]))
+    turns, locals_, places = np.empty((links, 4)), np.empty((links, 4)), np.empty((links, 4))
+    chain = (roots, rows, references, offsets, turns, locals_, places, np.empty((2, 3, 4)))
     for b in range(weights.shape[0]):
         for _ in range(int(rules[3])):
-            position_jacobian(weights[b], mode, roots, rows, references, offsets, links, point, jacobian)
+            position_jacobian(weights[b], mode, *chain, point, jacobian)
             if step(weights[b], goals[b], point, jacobian, held, scale, rules) < rules[2]:
                 break
 

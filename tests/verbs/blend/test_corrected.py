@@ -49,6 +49,13 @@ def test_exactness_does_not_cost_smoothness(mocap, verb_of, name):
     assert exact <= KAPPA[name] * paper
 
 
+def chain_of(goal):
+    """The arrays of a position's Jacobian, scratch included."""
+    links = len(goal.references)
+    scratch = (np.empty((links, 4)), np.empty((links, 4)), np.empty((links, 4)), np.empty((2, 3, 4)))
+    return goal.starts, goal.chain, goal.references, goal.offsets, *scratch
+
+
 @pytest.mark.parametrize("name", [*POSITIONS, "locomotion", "jump"])
 def test_jacobian_equals_central_differences(mocap, verb_of, name):
     verb = verb_of(name)
@@ -63,7 +70,7 @@ def test_jacobian_equals_central_differences(mocap, verb_of, name):
         elif name == "jump":
             correct.jump_jacobian(weights, goal.roots, point, jacobian)
         else:
-            chain = (goal.roots, goal.rows, goal.references, goal.offsets, np.empty((len(goal.rows), 12)))
+            chain = chain_of(goal)
             correct.position_jacobian(weights, verb.rotation_mode, *chain, point, jacobian)
         steps = 1e-5 * np.eye(count)
         numeric = (goal.reached(weights + steps) - goal.reached(weights - steps)).T / 2e-5
@@ -75,7 +82,7 @@ def test_jacobian_of_rotation_vectors_equals_central_differences(tmp_path):
     verb = library.load("arm3")
     goal, count = Goal.of_verb(verb), len(verb.examples)
     weights, point, jacobian = np.full(count, 1.0 / count), np.empty(3), np.empty((3, count))
-    chain = (goal.roots, goal.rows, goal.references, goal.offsets, np.empty((len(goal.rows), 12)))
+    chain = chain_of(goal)
     correct.position_jacobian(weights, verb.rotation_mode, *chain, point, jacobian)
     steps = 1e-5 * np.eye(count)
     numeric = (goal.reached(weights + steps) - goal.reached(weights - steps)).T / 2e-5

@@ -37,7 +37,7 @@ app = typer.Typer(
 )
 
 err = Console(stderr=True, highlight=False)
-out = Console(highlight=False)
+out = Console(highlight=False, width=None if sys.stdout.isatty() else 120)  # files and pipes have no width of their own
 
 VerbArgument = Annotated[str, typer.Argument(metavar="VERB", help="A built-in name, a .verb file, or a source folder.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]

@@ -1,0 +1,107 @@
+"""CPU per request of the pose route, against a FastAPI route that validates the same body and answers constant bytes.
+
+Both run in this process, asked through the ASGI interface without sockets, so that only application code is counted;
+process time is measured, in turns, and the least of many rounds is taken.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Any
+
+import orjson
+from fastapi import FastAPI, Response
+
+from service.app import create_app
+from service.schemas import PoseRequest
+from service.settings import Settings
+
+BODY = orjson.dumps({"adverbs": {"x": -0.2, "y": 1.2, "z": 0.5}, "phase": 0.4})
+
+
+async def ask(app: Any, path: str, accept: bytes) -> bytes:
+    """One POST through the ASGI interface."""
+    parts: list[bytes] = []
+    scope = {
+        "type": "http", "asgi": {"version": "3.0"}, "http_version": "1.1", "method": "POST", "scheme": "http",
+        "path": path, "raw_path": path.encode(), "query_string": b"", "root_path": "", "client": ("127.0.0.1", 1),
+        "server": ("127.0.0.1", 80), "state": {}, "headers": [
+            (b"host", b"x"), (b"content-type", b"application/json"), (b"accept", accept),
+            (b"content-length", str(len(BODY)).encode()),
+        ],
+    }  # fmt: skip
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": BODY, "more_body": False}
+
+    async def send(message: Any) -> None:
+        if message["type"] == "http.response.body":
+            parts.append(message.get("body", b""))
+
+    await app(scope, receive, send)
+    return b"".join(parts)
+
+
+def baseline(answer: bytes, media: str) -> FastAPI:
+    """A route that validates the same body and answers the same number of bytes."""
+    app = FastAPI(openapi_url=None)
+
+    @app.post("/v1/verbs/{verb}/pose")
+    async def pose(verb: str, request: PoseRequest) -> Response:
+        return Response(answer, media_type=media)
+
+    return app
+
+
+async def measure(asks: dict[str, Callable[[], Any]], rounds: int = 30, each: int = 200) -> dict[str, float]:
+    """Least CPU microseconds per request, in turns."""
+    best = dict.fromkeys(asks, float("inf"))
+    for _ in range(rounds):
+        for name, one in asks.items():
+            started = time.process_time()
+            for _ in range(each):
+                await one()
+            best[name] = min(best[name], 1e6 * (time.process_time() - started) / each)
+    return best
+
+
+async def run() -> None:
+    """Print one table."""
+    app = create_app(Settings())
+    path, binary, text = "/v1/verbs/reach/pose", b"application/octet-stream", b"application/json"
+    async with app.router.lifespan_context(app):
+        while b"true" not in await ready(app):
+            await asyncio.sleep(0.1)  # noqa: ASYNC110 - readiness is asked for as a client would
+        plain = {accept: baseline(await ask(app, path, accept), accept.decode()) for accept in (binary, text)}
+        best = await measure(
+            {
+                "pose, binary": lambda: ask(app, path, binary),
+                "constant, binary": lambda: ask(plain[binary], path, binary),
+                "pose, JSON": lambda: ask(app, path, text),
+                "constant, JSON": lambda: ask(plain[text], path, text),
+            }
+        )
+    print("CPU per request, µs (application code, no sockets)")
+    for name, value in best.items():
+        print(f"  {name:<20}{value:>8.1f}")
+    print(f"  binary / constant: {best['pose, binary'] / best['constant, binary']:.2f}×   (goal ≤ 1.3 with sockets)")
+    print(f"  JSON / constant:   {best['pose, JSON'] / best['constant, JSON']:.2f}×   (goal ≤ 1.6 with sockets)")
+
+
+async def ready(app: Any) -> bytes:
+    """Body of the readiness route."""
+    from httpx import ASGITransport, AsyncClient
+
+    async with AsyncClient(transport=ASGITransport(app), base_url="http://bench") as client:
+        return (await client.get("/readyz")).content
+
+
+def main() -> None:
+    """Run the comparison."""
+    asyncio.run(run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tests.verbs.sources import arm_source
+from verbs import library
+from verbs.cli import app, open_verb, parse_at, run
+from verbs.errors import OutOfRange, UnknownName
+from verbs.io import bvh
+
+FIELDS = {
+    "error_mean_m", "error_max_m", "error_mean_pct", "error_max_pct", "smoothness", "smoothness_max", "precompute_s",
+    "query_us", "samples", "domain", "grid",
+}  # fmt: skip
+
+
+def call(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_build_writes_a_verb_and_reports(tmp_path):
+    result = call("build", arm_source(tmp_path / "arm"), "-o", tmp_path / "arm.verb")
+    for word in ("examples", "domain", "condition", "worst stored", "at examples", "inside, corrected"):
+        assert word in result.stdout
+    assert open_verb(str(tmp_path / "arm.verb")).name == "arm"
+
+
+def test_build_reports_as_json(tmp_path):
+    result = call("build", arm_source(tmp_path / "arm"), "-o", tmp_path / "arm.verb", "--json")
+    report = json.loads(result.stdout)
+    assert report["examples"] == 5
+    assert report["methods"]["corrected"]["error_max_m"] < 1e-9
+
+
+def test_info_prints_what_the_service_answers():
+    described = json.loads(call("info", "arm3", "--json").stdout)
+    assert [adverb["name"] for adverb in described["adverbs"]] == ["x", "y"]
+    assert described["skeleton"]["names"] == list(library.load("arm3").skeleton.names)
+    assert described["keytime_names"] == ["start", "reach", "end"]
+    assert "arm3" in call("info", "arm3").stdout
+
+
+def test_pose_prints_one_pose():
+    record = json.loads(call("pose", "arm3", "--at", "x=0.5,y=0.2", "--phase", "0.5", "--json").stdout)
+    assert record["measured"]["x"] == pytest.approx(0.5, abs=1e-9)
+    assert record["error"] < 1e-9
+    assert len(record["rotations"]) == 4
+    assert "reached x 0.5000" in call("pose", "arm3", "--at", "x=0.5,y=0.2").stdout
+
+
+def test_measure_prints_the_agreed_fields():
+    figures = json.loads(call("measure", "arm3", "--method", "rbf", "--grid", "21", "--json").stdout)
+    assert set(figures["methods"]["rbf"]) >= FIELDS
+    assert "corrected" in call("measure", "arm3", "--grid", "11").stdout
+
+
+def test_measure_takes_a_source_folder(mocap):
+    figures = json.loads(call("measure", mocap / "punch", "--method", "rbf", "--grid", "11", "--json").stdout)
+    assert set(figures["methods"]["rbf"]) >= FIELDS
+    assert figures["methods"]["rbf"]["samples"] == 3000
+
+
+def test_export_writes_a_motion_that_reaches_the_goal(tmp_path):
+    call("export", "arm3", "--at", "x=0.5,y=0.2", "-o", tmp_path / "arm.bvh", "--fps", "60")
+    motion = bvh.read(tmp_path / "arm.bvh")
+    assert motion.fps == 60
+    assert motion.skeleton.names == library.load("arm3").skeleton.names
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (["info", "nobody"], UnknownName, "unknown verb 'nobody'; known: arm3, reach"),
+        (["pose", "arm3", "--at", "x=one"], OutOfRange, "write name=value"),
+        (["pose", "arm3", "--at", "x=0.1,y=0.1", "--method", "magic"], UnknownName, "unknown method 'magic'"),
+        (["export", "arm3", "--at", "x=0.1,y=0.1", "-o", "x", "--format", "fbx"], UnknownName, "known: bvh"),
+    ],
+)
+def test_a_user_error_is_typed(arguments, error, message):
+    with pytest.raises(error, match=message):
+        call(*arguments)
+
+
+def test_a_user_error_is_one_line_and_exit_code_1(capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["adverb", "info", "nobody"])
+    with pytest.raises(SystemExit) as left:
+        run(app)
+    assert left.value.code == 1
+    assert capsys.readouterr().err.startswith("error: unknown verb 'nobody'")
+
+
+def test_wrong_usage_is_exit_code_2():
+    assert CliRunner().invoke(app, ["pose"]).exit_code == 2
+
+
+def test_adverbs_are_read_from_text():
+    assert parse_at("x=0.5, y=-1e-3") == {"x": 0.5, "y": -1e-3}
+
+
+def test_every_command_shows_an_example():
+    for command in ("build", "info", "pose", "measure", "export"):
+        assert "Example" in call(command, "--help").stdout
+
+
+def test_a_loop_can_be_exported_for_several_cycles(mocap, tmp_path):
+    arguments = ("--at", "forward_speed=1.2,turn_rate=0,sideways_speed=0", "-o", tmp_path / "walk.bvh")
+    call("export", mocap / "locomotion", *arguments, "--cycles", "3")
+    motion = bvh.read(tmp_path / "walk.bvh")
+    speed = np.linalg.norm(motion.root[-1, [0, 2]]) / motion.duration_s
+    assert speed == pytest.approx(1.2, rel=0.05)

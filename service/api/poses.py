@@ -1,0 +1,128 @@
+"""Poses: one, many, or a whole motion."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from starlette.responses import Response
+
+from service import answers, asking, wire
+from service.api.direct import Direct
+from service.api.documented import ASKING, VerbName, body, forms, problems
+from service.exchange import BVH, JSON, OCTETS, accepted, media_type, read, read_model, sliced
+from service.schemas import (
+    BatchRequest,
+    Name,
+    PoseAnswer,
+    PoseRequest,
+    PosesAnswer,
+    SequenceAnswer,
+    SequenceRequest,
+    Space,
+)
+from service.serving import served, trace_of
+from verbs import sequence as sequences
+from verbs.errors import RequestError
+from verbs.io import bvh
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/v1/verbs/{verb}", tags=["poses"])
+quick = APIRouter(prefix=router.prefix, tags=["poses"], route_class=Direct)
+
+
+@quick.post(
+    "/pose",
+    operation_id="pose",
+    response_model=PoseAnswer,
+    responses={**forms(OCTETS), **problems(*ASKING)},
+    openapi_extra=body(PoseRequest),
+    summary="One pose",
+)
+async def pose(request: Request, verb: VerbName) -> Response:
+    """Blend one pose at adverbs and an instant, and say how far it is from what was asked.
+
+    With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
+    `weights`, `measured` and `met` have no place there.
+    """
+    serving, entry = served(request, verb)
+    form = accepted(request, JSON, OCTETS)
+    asked = await read_model(request, PoseRequest)
+    found = await asking.pose(serving, entry, asked)
+    trace_of(request).method = found.poses.blend.method
+    if form == OCTETS:
+        return Response(wire.encode_one(found.poses, found.turns, entry.version), media_type=OCTETS)
+    text = answers.single_json(entry, found, weights=asked.weights, max_error=asked.max_error)
+    return Response(text, media_type=JSON)
+
+
+@router.post(
+    "/poses",
+    operation_id="poses",
+    response_model=PosesAnswer,
+    responses={**forms(OCTETS), **problems(*ASKING)},
+    openapi_extra=body(BatchRequest, OCTETS),
+    summary="Many poses",
+)
+async def poses(
+    request: Request,
+    verb: VerbName,
+    method: Annotated[Name | None, Query(description="Blending method, of a binary body.")] = None,
+    space: Annotated[Space | None, Query(description="Space, of a binary body.")] = None,
+    joints: Annotated[list[Name] | None, Query(max_length=1_000, description="Joints, of a binary body.")] = None,
+    version: Annotated[int | None, Query(ge=1, description="Version, of a binary body.")] = None,
+) -> Response:
+    """Blend a pose for each character of a crowd, in one call.
+
+    A binary body (`Content-Type: application/octet-stream`) is one row of little-endian float32 per pose: the
+    adverbs in the verb's order, then the phase; its options stand in the query. A binary answer is one record per
+    pose, one after the other; a record's channel is its row modulo 65,536.
+    """
+    serving, entry = served(request, verb)
+    form = accepted(request, JSON, OCTETS)
+    query = {"method": method, "space": space, "joints": joints, "version": version}
+    if media_type(request, JSON, OCTETS) == OCTETS:
+        batch = asking.binary_batch(serving, entry, await read(request), query)
+    else:
+        batch = asking.json_batch(serving, await read_model(request, BatchRequest), query)
+    found = await asking.poses(serving, entry, batch)
+    trace_of(request).method = found.poses.blend.method
+    if form == OCTETS:
+        return Response(await asking.records(serving, entry, found, crowd=True), media_type=OCTETS)
+    return sliced(answers.poses_json(entry, found, weights=batch.options.weights))
+
+
+@quick.post(
+    "/sequence",
+    operation_id="sequence",
+    response_model=SequenceAnswer,
+    responses={**forms(OCTETS, BVH), **problems(*ASKING)},
+    openapi_extra=body(SequenceRequest),
+    summary="A whole motion",
+)
+async def sequence(request: Request, verb: VerbName) -> Response:
+    """Blend a whole motion at `fps` frames per second, at constant adverbs or along a track of them.
+
+    Frames stand at 0, 1/fps, … up to the last one that is not past the end. As `application/octet-stream` the answer
+    is one binary record per frame, channel 0, the last one flagged; as `text/x-bvh` it is a file in metres and degrees,
+    always of all joints.
+    """
+    serving, entry = served(request, verb)
+    form = accepted(request, JSON, OCTETS, BVH)
+    asked = await read_model(request, SequenceRequest)
+    if form == BVH and (asked.joints is not None or asked.space != "local"):
+        raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
+    motion = await asking.sequence(serving, entry, asked)
+    trace_of(request).method = motion.frames.poses.blend.method
+    if form == OCTETS:
+        return Response(await asking.records(serving, entry, motion.frames, crowd=False), media_type=OCTETS)
+    if form == BVH:
+        whole = sequences.to_motion(entry.evaluator, motion.frames.poses, motion.fps)
+        text = await serving.pool.run(25.0 * len(whole), lambda: bvh.dump(whole))
+        name = f'attachment; filename="{entry.verb.name}.bvh"'
+        return Response(text, headers={"content-type": f"{BVH}; charset=utf-8", "content-disposition": name})
+    return sliced(answers.sequence_json(entry, motion, weights=asked.weights))
+
+
+router.routes[:0] = quick.routes

@@ -1,0 +1,58 @@
+"""The app: wiring only."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import anyio
+from fastapi import FastAPI
+from starlette.middleware import Middleware
+
+from service import errors, openapi
+from service.api import health, pages, poses, verbs
+from service.catalog import Catalog
+from service.middleware import BodyLimit, Observe
+from service.serving import Serving
+from service.settings import Settings
+
+__all__ = ["create_app"]
+
+
+def create_app(settings: Settings, *, on_ready: Callable[[Catalog], None] | None = None) -> FastAPI:
+    """Make an app; ``on_ready`` is called with its verbs once it can answer for them."""
+    serving = Serving(settings, on_ready=on_ready)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        del app
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(serving.open)
+            tasks.start_soon(serving.watch_loop)
+            yield
+            tasks.cancel_scope.cancel()
+
+    app = FastAPI(
+        title="Adverb",
+        version=openapi.API_VERSION,
+        description=openapi.DESCRIPTION,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+        telemetry={
+            "metrics": False,
+            "logs": False,
+        },  # each asks for a provider at every request
+        middleware=[
+            Middleware(Observe, metrics=serving.metrics),
+            Middleware(BodyLimit, limit=settings.max_body_bytes),
+        ],
+    )
+    app.state.serving = serving
+    # Not include_router: it nests, and asking five routers for their match takes as long as blending the pose.
+    routers = (poses.router, verbs.router, health.router, pages.router)
+    app.router.routes[:0] = [route for router in routers for route in router.routes]
+    errors.install(app)
+    openapi.install(app)
+    return app

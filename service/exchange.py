@@ -1,0 +1,121 @@
+"""Reading requests and writing answers: media types, bodies, large JSON in slices."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Iterable
+from functools import lru_cache
+from typing import TypeVar
+
+import anyio.lowlevel
+from pydantic import BaseModel, ValidationError
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import StreamingResponse
+
+from service import errors
+
+__all__ = ["BVH", "JSON", "OCTETS", "accepted", "header", "media_type", "read", "read_model", "sliced"]
+
+JSON, OCTETS, BVH = "application/json", "application/octet-stream", "text/x-bvh"
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def header(request: Request, name: bytes) -> bytes:
+    """A header's value, or nothing; faster than a mapping for the two that a pose needs."""
+    for key, value in request.scope["headers"]:
+        if key == name:
+            return bytes(value)
+    return b""
+
+
+def media_type(request: Request, *known: str) -> str:
+    """Type of the body; raises :class:`errors.WrongMediaType` with those that the route reads."""
+    given = header(request, b"content-type")
+    found = _essence(given)
+    if found not in known:
+        said = f"'{found[:80]}'" if found else "of no stated type"
+        raise errors.WrongMediaType(f"the body is {said}; send Content-Type: {' or '.join(known)}", known=list(known))
+    return found
+
+
+def accepted(request: Request, *offers: str) -> str:
+    """The form of answer that the client likes best; of equals the first that is offered.
+
+    Raises :class:`errors.NotAcceptable` with the forms that the route can give.
+    """
+    form = _best(header(request, b"accept")[:1_000], offers)
+    if form is None:
+        raise errors.NotAcceptable(f"this route answers {', '.join(offers)}; accept one of them", known=list(offers))
+    return form
+
+
+async def read(request: Request) -> bytes:
+    """The whole body; the middleware bounds it. It mostly comes in one piece, and then is not copied."""
+    parts = []
+    while True:
+        message = await request.receive()
+        if message["type"] == "http.disconnect":
+            raise ClientDisconnect
+        parts.append(message.get("body", b""))
+        if not message.get("more_body", False):
+            return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+async def read_model(request: Request, model: type[Model]) -> Model:
+    """The JSON body as a checked model.
+
+    It is read straight from bytes: parsing to Python objects first, as FastAPI does for declared bodies, takes
+    longer, and lets ``NaN`` through.
+    """
+    media_type(request, JSON)
+    try:
+        return model.model_validate_json(await read(request))
+    except ValidationError as err:
+        errors.invalid(err, model)
+
+
+def sliced(parts: Iterable[bytes]) -> StreamingResponse:
+    """A large JSON answer, written slice by slice; between two slices the event loop serves others."""
+
+    async def stream() -> AsyncIterator[bytes]:
+        for part in parts:
+            yield part
+            await anyio.lowlevel.checkpoint()
+
+    return StreamingResponse(stream(), media_type=JSON)
+
+
+@lru_cache(maxsize=256)
+def _essence(content_type: bytes) -> str:
+    """``application/json`` of ``Application/JSON; charset=utf-8``."""
+    return content_type.split(b";", 1)[0].strip().lower().decode("latin-1")
+
+
+@lru_cache(maxsize=256)
+def _best(accept: bytes, offers: tuple[str, ...]) -> str | None:
+    """The offer of the highest quality in an Accept header (RFC 9110, 12.5.1); None where none is accepted."""
+    if not accept.strip():
+        return offers[0]
+    ranges = [_media_range(part) for part in accept.decode("latin-1").lower().split(",") if part.strip()]
+    best, best_quality = None, 0.0
+    for offer in offers:
+        fits = [(len(text.replace("*", "")), quality) for text, quality in ranges if _covers(text, offer)]
+        quality = max(fits)[1] if fits else 0.0  # the most specific range decides
+        if quality > best_quality:
+            best, best_quality = offer, quality
+    return best
+
+
+def _media_range(text: str) -> tuple[str, float]:
+    kind, *parameters = (part.strip() for part in text.split(";"))
+    for parameter in parameters:
+        if parameter.startswith("q="):
+            try:
+                return kind, min(max(float(parameter[2:]), 0.0), 1.0)
+            except ValueError:
+                return kind, 0.0
+    return kind, 1.0
+
+
+def _covers(media_range: str, offer: str) -> bool:
+    return media_range in ("*/*", offer) or (media_range.endswith("/*") and offer.startswith(media_range[:-1]))

@@ -1,0 +1,107 @@
+"""One server process: a socket, uvicorn with the settings that were measured best, a clean end."""
+
+from __future__ import annotations
+
+import gc
+import ipaddress
+import signal
+import socket
+import sys
+from collections.abc import Callable
+
+import uvicorn
+
+from service import logs
+from service.app import create_app
+from service.catalog import Catalog
+from service.settings import Settings
+
+__all__ = ["CannotServe", "serve"]
+
+SWITCH_S = 0.001
+"""Longest time for which a thread keeps the interpreter while the event loop waits for it; Python's own is 5 ms."""
+
+
+class CannotServe(Exception):
+    """The server cannot start; the message says why and what to do."""
+
+
+def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
+    """Serve until SIGTERM or SIGINT; running requests may finish, for ``shutdown_s`` at most.
+
+    Parameters
+    ----------
+    settings : Settings
+    say : callable
+        Told, once, where the server is, and which files it could not use.
+
+    Raises
+    ------
+    CannotServe
+        Before anything is served.
+    """
+    if settings.data is not None and not settings.data.is_dir():
+        raise CannotServe(f"the data folder {settings.data} does not exist; make it, or name another (--data)")
+    listener = _listen(settings)
+    logs.configure(settings)
+    sys.setswitchinterval(SWITCH_S)
+    host, port = listener.getsockname()[:2]
+    shown = f"[{host}]" if ":" in host else host
+
+    def ready(catalog: Catalog) -> None:
+        # What is loaded stays. Looking through all of it for garbage, as Python would, stops everybody for 50 ms.
+        gc.collect()
+        gc.freeze()
+        for row in catalog.skipped:
+            say(f"warning: {row.file} is not served: {row.problem}")
+        count = len(catalog.entries)
+        say(f"Adverb is ready on http://{shown}:{port} ({count} verb{'s' * (count != 1)}; docs at /docs)")
+
+    config = uvicorn.Config(
+        create_app(settings, on_ready=ready),
+        loop="uvloop",
+        http="httptools",
+        ws="websockets-sansio",
+        ws_per_message_deflate=False,
+        ws_max_size=65_536,
+        ws_ping_interval=20.0,
+        access_log=False,
+        log_config=None,
+        log_level="warning",
+        server_header=False,
+        timeout_graceful_shutdown=settings.shutdown_s,
+    )
+    # uvicorn stops on these signals and then raises them once more for whoever handled them before: nobody.
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
+    with listener:
+        uvicorn.Server(config).run(sockets=[listener])
+
+
+def _listen(settings: Settings) -> socket.socket:
+    """Open the listening socket, so that a taken port is told before verbs are loaded."""
+    try:
+        found = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except OSError as err:
+        raise CannotServe(f"the host '{settings.host}' is not known: {err.strerror or err}") from err
+    family, _, _, _, address = found[0]
+    if not settings.allow_public and not all(_is_loopback(str(row[4][0])) for row in found):
+        raise CannotServe(
+            f"other machines can reach {settings.host}, and there are no keys yet: anyone could use this server; "
+            "if that is what you want, say so: --allow-public, or ADVERB_ALLOW_PUBLIC=true"
+        )
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind(address)
+    except OSError as err:
+        listener.close()
+        raise CannotServe(
+            f"port {settings.port} on {settings.host} cannot be used: {err.strerror or err}; "
+            "stop what uses it, or choose another (--port, ADVERB_PORT; 0 takes a free one)"
+        ) from err
+    return listener
+
+
+def _is_loopback(address: str) -> bool:
+    return ipaddress.ip_address(address.partition("%")[0]).is_loopback

@@ -1,0 +1,88 @@
+"""What one server process holds while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import anyio
+import structlog
+from starlette.requests import Request
+
+from service import catalog as catalogs
+from service.catalog import Catalog, Entry
+from service.compute import Pool, aside
+from service.errors import NotReady
+from service.metrics import Metrics
+from service.middleware import SCOPE_KEY, Trace
+from service.settings import Settings
+
+__all__ = ["Serving", "served", "serving_of", "trace_of"]
+
+LATENESS_EVERY_S = 0.25
+
+log = structlog.get_logger("adverb")
+
+
+class Serving:
+    """Settings, metrics, threads and the verbs; the catalog is replaced whole, never changed.
+
+    Parameters
+    ----------
+    settings : Settings
+    on_ready : callable, optional
+        Called with the catalog once requests can be answered.
+    """
+
+    def __init__(self, settings: Settings, *, on_ready: Callable[[Catalog], None] | None = None) -> None:
+        self.settings, self.metrics = settings, Metrics()
+        self.pool = Pool(threads=settings.compute_threads, max_waiting=settings.max_waiting)
+        self.catalog: Catalog | None = None
+        self.ready = anyio.Event()
+        self._on_ready = on_ready
+
+    def current(self) -> Catalog:
+        """The verbs; raises :class:`NotReady` until they are loaded."""
+        if self.catalog is None:
+            raise NotReady("verbs are being loaded and kernels compiled", headers={"Retry-After": "1"})
+        return self.catalog
+
+    async def open(self) -> None:
+        """Load verbs and warm kernels in a thread, then say that requests are welcome."""
+        loaded = await aside(lambda: catalogs.load(self.settings.data))
+        log.info("ready", verbs=list(loaded.entries), skipped=len(loaded.skipped))
+        self.offer(loaded)
+
+    def offer(self, catalog: Catalog) -> None:
+        """Answer for these verbs from now on."""
+        self.metrics.serving(catalog)
+        self.catalog = catalog
+        self.ready.set()
+        if self._on_ready is not None:
+            self._on_ready(catalog)
+
+    async def watch_loop(self) -> None:
+        """Measure, for ever, how late the event loop comes to a timer."""
+        while True:
+            due = anyio.current_time() + LATENESS_EVERY_S
+            await anyio.sleep_until(due)
+            self.metrics.loop_was_late(max(0.0, anyio.current_time() - due))
+
+
+def serving_of(request: Request) -> Serving:
+    """What the app of a request holds."""
+    serving: Serving = request.scope["app"].state.serving
+    return serving
+
+
+def trace_of(request: Request) -> Trace:
+    """What is told about a request."""
+    trace: Trace = request.scope[SCOPE_KEY]
+    return trace
+
+
+def served(request: Request, name: str) -> tuple[Serving, Entry]:
+    """The verb that a request is about; from here on its name may be a label."""
+    serving = serving_of(request)
+    entry = serving.current().entry(name)
+    trace_of(request).verb = entry.verb.name
+    return serving, entry

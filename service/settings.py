@@ -1,0 +1,71 @@
+"""Everything that an operator can set, each with its unit; environment variables start with ``ADVERB_``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+__all__ = ["Settings"]
+
+LogLevel = Literal["debug", "info", "warning", "error"]
+
+
+class Settings(BaseSettings):
+    """Settings of one server process.
+
+    Arguments win over environment variables, and these over the defaults. Nothing reads the environment on import:
+    whoever starts a server makes one of these and hands it to :func:`service.app.create_app`.
+    """
+
+    model_config = SettingsConfigDict(env_prefix="ADVERB_", extra="ignore", frozen=True, env_ignore_empty=True)
+
+    host: Annotated[str, Field(min_length=1, max_length=253, description="Address to listen on.")] = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65_535, description="Port to listen on; 0 takes a free one.")] = 8000
+    allow_public: Annotated[
+        bool,
+        Field(
+            description="Yes, listen on an address that other machines can reach, although there are no keys: anyone "
+            "who reaches it may use it."
+        ),
+    ] = False
+    data: Annotated[
+        Path | None,
+        Field(
+            description="Folder with built verbs (*.verb), served beside the built-in ones; it wins where names meet."
+        ),
+    ] = None
+    log_level: Annotated[LogLevel, Field(description="Least severe message to log: debug, info, warning, error.")] = (
+        "info"
+    )
+    log_json: Annotated[bool, Field(description="Log one JSON object a line instead of text for people.")] = False
+    max_body_bytes: Annotated[
+        int, Field(ge=1_024, le=256 * 1024 * 1024, description="Longest request body, bytes.")
+    ] = 1024 * 1024
+    max_batch: Annotated[
+        int, Field(ge=1, le=100_000, description="Most poses in one binary call of the poses route.")
+    ] = 10_000
+    max_batch_json: Annotated[
+        int,
+        Field(
+            ge=1,
+            le=10_000,
+            description="Most poses in one JSON call of the poses route; reading JSON holds up every other request, "
+            "about 3 µs a pose.",
+        ),
+    ] = 1_000
+    max_sequence_frames: Annotated[
+        int, Field(ge=1, le=100_000, description="Most frames in one answer of the sequence route.")
+    ] = 10_000
+    compute_threads: Annotated[
+        int,
+        Field(ge=1, le=64, description="Threads for batches and sequences that take longer than half a millisecond."),
+    ] = 2
+    max_waiting: Annotated[
+        int, Field(ge=0, le=10_000, description="Most such calls that wait for a thread; more are answered 503.")
+    ] = 64
+    shutdown_s: Annotated[
+        int, Field(ge=0, le=600, description="Longest wait for running requests when asked to stop, seconds.")
+    ] = 10

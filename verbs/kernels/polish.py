@@ -1,0 +1,104 @@
+"""The last millimetres: small turns of the joints between the root and the effector, bounded joint by joint.
+
+Damped least squares on the chain, from the blended pose. The root stays where it is.
+
+Source: Rose, Sloan, Cohen 2001, section 4.3, end (a short inverse-kinematics pass after blending); the damping is
+that of C. W. Wampler, "Manipulator inverse kinematic solutions based on vector formulations and damped least-squares
+methods", 1986.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from verbs.conventions import F64
+from verbs.kernels.compile import kernel
+from verbs.kernels.pose import add_turned, multiply
+
+__all__ = ["polish"]
+
+
+@kernel
+def _exponential(vector: F64, out: F64) -> None:
+    """Unit quaternion (4,) of a rotation vector (3,)."""
+    angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    scale = np.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
+    out[0], out[1], out[2], out[3] = scale * vector[0], scale * vector[1], scale * vector[2], np.cos(0.5 * angle)
+
+
+@kernel
+def _walk_chain(root: F64, locals_: F64, turns: F64, offsets: F64, globals_: F64, places: F64, point: F64) -> None:
+    """Global rotations (L, 4) and places (L, 3) of a chain whose joints are turned on by ``turns`` (L, 3)."""
+    extra, local, before = np.empty(4), np.empty(4), np.zeros(4)
+    before[3] = 1.0
+    point[:] = root
+    for j in range(locals_.shape[0]):
+        _exponential(turns[j], extra)
+        multiply(locals_[j], extra, local)
+        multiply(before, local, globals_[j])
+        places[j] = point
+        add_turned(globals_[j], offsets[j], point)
+        before[:] = globals_[j]
+
+
+@kernel
+def polish(root: F64, locals_: F64, offsets: F64, goal: F64, limit: float, damping: float, turns: F64) -> float:
+    """Turn a chain's joints until its effector is at the goal; return the distance left.
+
+    Parameters
+    ----------
+    root : (3,) float64
+        Root position.
+    locals_ : (L, 4) float64
+        Local rotations from the root to the effector's parent.
+    offsets : (L, 3) float64
+        Offset of the next joint; the last one is the effector's.
+    goal : (3,) float64
+    limit : float
+        Most that one joint may turn, radians.
+    damping : float
+        Square metres added to the normal matrix.
+    turns : (L, 3) float64
+        Written: rotation vectors after the joints' own rotations. The root's stays zero.
+    """
+    links = locals_.shape[0]
+    globals_, places, point = np.empty((links, 4)), np.empty((links, 3)), np.empty(3)
+    jacobian, axis, column = np.empty((links, 3, 3)), np.empty(3), np.empty(3)
+    normal, miss = np.empty((3, 3)), np.empty(3)
+    turns[:] = 0.0
+    distance = 0.0
+    for _ in range(30):
+        _walk_chain(root, locals_, turns, offsets, globals_, places, point)
+        for a in range(3):
+            miss[a] = goal[a] - point[a]
+        distance = np.sqrt(miss[0] ** 2 + miss[1] ** 2 + miss[2] ** 2)
+        if distance < 1e-9:
+            break
+        normal[:] = 0.0
+        for j in range(1, links):
+            for k in range(3):
+                axis[:] = 0.0
+                axis[k] = 1.0
+                column[:] = 0.0
+                add_turned(globals_[j], axis, column)
+                x, y, z = point[0] - places[j, 0], point[1] - places[j, 1], point[2] - places[j, 2]
+                jacobian[j, 0, k] = column[1] * z - column[2] * y
+                jacobian[j, 1, k] = column[2] * x - column[0] * z
+                jacobian[j, 2, k] = column[0] * y - column[1] * x
+                for a in range(3):
+                    for b in range(3):
+                        normal[a, b] += jacobian[j, a, k] * jacobian[j, b, k]
+        for a in range(3):
+            normal[a, a] += damping
+        pull = np.linalg.solve(normal, miss)
+        for j in range(1, links):
+            size = 0.0
+            for k in range(3):
+                for a in range(3):
+                    turns[j, k] += jacobian[j, a, k] * pull[a]
+                size += turns[j, k] ** 2
+            size = np.sqrt(size)
+            if size > limit:
+                for k in range(3):
+                    turns[j, k] *= limit / size
+    return distance

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from verbs.blend.cardinal import Rbf
 from verbs.blend.corrected import Corrected
+from verbs.blend.search import Search
 from verbs.conventions import F64
 from verbs.errors import UnknownName
 from verbs.verb import Verb
@@ -24,6 +25,7 @@ class Method(Protocol):
 
 METHODS: dict[str, Callable[[Verb], Method]] = {
     "rbf": Rbf.of_verb,
+    "search": Search.of_verb,
     "corrected": Corrected.of_verb,
 }
 """Every method by name, as a function that prepares it for a verb."""

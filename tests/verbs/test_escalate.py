@@ -32,7 +32,7 @@ def test_the_method_asked_for_is_where_it_starts(reach):
 
 
 def test_out_of_the_domain_the_polish_gets_nearer(reach):
-    high = reach.verb.values.max(axis=0, keepdims=True) + [[0.05, 0.0, 0.02]]
+    high = reach.verb.values.max(axis=0, keepdims=True) + np.array([[0.05, 0.0, 0.02]])
     plain = reach.blend(high)
     found = escalate(reach, high, 1e-6)
     assert found.tried[-1] == "polish"

@@ -1,0 +1,91 @@
+"""Method ``refined``: the cardinal basis after refinement; and the hybrid of it and a line search.
+
+Source: Rose, Sloan, Cohen 2001, sections 4.2 and 4.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from verbs.blend.cardinal import basis_weights
+from verbs.blend.search import Search
+from verbs.conventions import F64
+from verbs.errors import RequestError
+from verbs.goal import Goal
+from verbs.kernels import lists as kernels
+from verbs.verb import Basis, Verb
+
+__all__ = ["CROSSOVER", "Hybrid", "Refined"]
+
+CROSSOVER = 40
+"""Centers from which on lists are faster than trying all; measured by ``python -m benchmarks.lists``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """A refined basis: exact at the examples, and nearly so in between, by weights that one sum gives.
+
+    Parameters
+    ----------
+    basis : Basis
+    lists : Grid or None
+        Which centers reach where; None where there are so few that trying all is faster.
+    """
+
+    basis: Basis
+    lists: kernels.Grid | None
+
+    @classmethod
+    def of_verb(cls, verb: Verb) -> Refined:
+        """Take the basis ``refined`` of a verb; :class:`RequestError` where it has none."""
+        return cls.of_basis(_refined(verb))
+
+    @classmethod
+    def of_basis(cls, basis: Basis) -> Refined:
+        """Prepare any basis."""
+        listed = len(basis.centers) >= CROSSOVER and basis.kernel in kernels.COMPACT
+        return cls(basis, kernels.grid(basis.centers, basis.radii) if listed else None)
+
+    def weights(self, adverbs: F64) -> F64:
+        """Weights (B, N) at adverbs (B, D) inside the domain; those of the basis."""
+        basis, lists = self.basis, self.lists
+        if lists is None:
+            return basis_weights(basis, adverbs)
+        chart, out = basis.chart, np.empty((len(adverbs), basis.radial.shape[1]))
+        kernels.cardinal(
+            adverbs, chart.kind, chart.axes, chart.bend, chart.shift, chart.scale, basis.kernel, basis.degree,
+            basis.centers, basis.radii, basis.radial, basis.poly, *lists, out,
+        )  # fmt: skip
+        return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hybrid:
+    """A refined basis asked where a line search says: errors that refinement left are small, and smooth enough for it.
+
+    Parameters
+    ----------
+    refined : Refined
+    search : Search
+    """
+
+    refined: Refined
+    search: Search
+
+    @classmethod
+    def of_verb(cls, verb: Verb, *, iterations: int = 1) -> Hybrid:
+        """Search on a verb's basis ``refined``; :class:`RequestError` where it has none."""
+        basis = _refined(verb)
+        return cls(Refined.of_basis(basis), Search(basis, Goal.of_verb(verb), iterations))
+
+    def weights(self, adverbs: F64) -> F64:
+        """Weights (B, N) at the places found for adverbs (B, D)."""
+        return self.refined.weights(self.search.places(adverbs))
+
+
+def _refined(verb: Verb) -> Basis:
+    if "refined" not in verb.bases:
+        raise RequestError(f"'{verb.name}' is not refined; run `adverb refine` on it first")
+    return verb.bases["refined"]

@@ -31,11 +31,14 @@ class Evaluated:
     poses : Poses
     turns : (B, J, 4) float32
     places : (B, J, 3) float32 or None
+    tried : tuple of str
+        Where an error bound was given: what was done to meet it, in order.
     """
 
     poses: Poses
     turns: F32
     places: F32 | None
+    tried: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +78,7 @@ def single_json(entry: Entry, found: Evaluated, *, weights: bool, max_error: flo
     if max_error is not None:
         error = record["error"]
         record["met"] = None if error is None else error <= max_error
+        record["tried"] = list(found.tried)
     return _dump(record)
 
 

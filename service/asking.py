@@ -14,7 +14,7 @@ from service.catalog import Entry
 from service.errors import BadBody, BatchTooLarge
 from service.schemas import BatchRequest, Options, PoseRequest, SequenceRequest
 from service.serving import Serving
-from verbs import describe
+from verbs import describe, escalate
 from verbs import sequence as sequences
 from verbs.conventions import F64
 from verbs.errors import OutOfRange, RequestError
@@ -51,8 +51,15 @@ async def pose(serving: Serving, entry: Entry, asked: PoseRequest) -> Evaluated:
     evaluator, joints = entry.evaluator, entry.joints(asked.joints)
 
     def work() -> Evaluated:
-        found = evaluator.pose(asked.adverbs, phase=asked.phase, time_s=asked.time, method=asked.method)
-        return Evaluated(found, *describe.in_space(evaluator, found, asked.space, joints))
+        instant = {"phase": asked.phase, "time_s": asked.time}
+        if asked.max_error is None:
+            found = evaluator.pose(asked.adverbs, method=asked.method, **instant)
+            return Evaluated(found, *describe.in_space(evaluator, found, asked.space, joints))
+        met = escalate.escalate(evaluator, evaluator.adverbs(asked.adverbs), asked.max_error, method=asked.method)
+        found = evaluator.pose_of(met.blend, **instant)
+        if met.turns is not None:
+            found = escalate.apply_polish(evaluator, found, met.turns)
+        return Evaluated(found, *describe.in_space(evaluator, found, asked.space, joints), met.tried)
 
     cost = 0.0
     if entry.verb.looping:

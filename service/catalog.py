@@ -63,7 +63,7 @@ class Entry:
         """Make a verb ready: prepare and compile everything that a request may need."""
         evaluator = Evaluator(verb)
         facts = describe.describe(verb, version=version)
-        _warm(evaluator, facts["methods"])
+        _warm(evaluator)
         text = orjson.dumps(facts, option=orjson.OPT_SERIALIZE_NUMPY)
         lengths = verb.keytimes[:, -1] - verb.keytimes[:, 0]
         span = (float(lengths.min()), float(lengths.max()))
@@ -137,13 +137,10 @@ class Catalog:
         return found
 
 
-def _warm(evaluator: Evaluator, names: Iterable[str]) -> None:
+def _warm(evaluator: Evaluator) -> None:
     """Compile or load every kernel that any route may need, so that no request waits for one."""
     evaluator.warm()
-    row = evaluator.verb.values[:1]
-    for name in names:
-        evaluator.blend(row, method=name)
-    sequence.tracked(evaluator, np.zeros(1), row, 1.0)
+    sequence.tracked(evaluator, np.zeros(1), evaluator.verb.values[:1], 1.0)
 
 
 def load(data: Path | None) -> Catalog:

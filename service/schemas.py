@@ -97,8 +97,9 @@ class PoseRequest(Options):
         float | None,
         Field(
             gt=0,
-            description="Largest error that the client can use, metres; `met` in the answer says whether it holds. The "
-            "pose is given either way.",
+            description="Largest error that the client can use, metres: rbf, search, corrected and a polish of the "
+            "joints are tried in this order, from `method` on where it is given, until it is met. `tried` in the "
+            "answer says what was done, `met` whether it was enough; the pose is given either way.",
         ),
     ] = None
 
@@ -275,6 +276,9 @@ class PoseAnswer(BaseModel):
     measured: Annotated[dict[str, float], Field(description="What the measured adverbs come to.")]
     error: Annotated[float | None, Field(description="Distance between asked and measured; null where nothing is.")]
     met: Annotated[bool | None, Field(description="Whether `error` is within `max_error`, where given.")] = None
+    tried: Annotated[
+        list[str] | None, Field(description="What was done to meet `max_error`, in order, where it was given.")
+    ] = None
     clamped: Annotated[bool, Field(description="Whether the adverbs were drawn back to the domain.")]
     weights: Annotated[list[float] | None, Field(description="Weights of the examples, where asked for; sum 1.")] = None
 

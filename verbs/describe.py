@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from verbs.blend import methods
 from verbs.conventions import F64, I64
-from verbs.errors import OutOfRange, UnknownName, VerbError
+from verbs.errors import OutOfRange, UnknownName
 from verbs.evaluate import Evaluator, Poses
 from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
@@ -19,7 +19,7 @@ from verbs.measure.domain import describe as domain_text
 from verbs.skeleton import Skeleton
 from verbs.verb import Domain, Measure, Verb
 
-__all__ = ["SPACES", "describe", "joint_indices", "numbers", "pose_fields", "pose_record", "summary", "usable_methods"]
+__all__ = ["SPACES", "describe", "joint_indices", "numbers", "pose_fields", "pose_record", "summary"]
 
 SPACES = ("local", "global")
 """Spaces in which rotations may be asked for."""
@@ -49,7 +49,7 @@ def describe(verb: Verb, *, version: int = 1) -> dict[str, Any]:
         "keytime_phases": verb.phases.tolist(),
         "duration": _durations(verb),
         "domain": _domain(verb, verb.domain),
-        "methods": usable_methods(verb),
+        "methods": list(methods.usable(verb)),
         "default_method": methods.default_method(verb),
         "measure": _measure(verb, verb.measure),
         "quality": dict(verb.quality),
@@ -69,19 +69,6 @@ def summary(verb: Verb, *, version: int = 1) -> dict[str, Any]:
         "duration": _durations(verb),
         "default_method": methods.default_method(verb),
     }
-
-
-def usable_methods(verb: Verb) -> list[str]:
-    """Methods that this verb can be asked with: not every verb has what every method needs."""
-    return [name for name in methods.METHODS if _can_make(name, verb)]
-
-
-def _can_make(name: str, verb: Verb) -> bool:
-    try:
-        methods.make(name, verb)
-    except (VerbError, KeyError):  # KeyError: a basis that the verb lacks
-        return False
-    return True
 
 
 def pose_record(

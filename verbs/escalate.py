@@ -12,7 +12,6 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.evaluate import Blend, Evaluator, Poses
 from verbs.kernels import measure as measures
-from verbs.kernels import pose as poses
 from verbs.kernels import quat
 from verbs.kernels.polish import polish as polish_kernel
 

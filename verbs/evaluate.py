@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from verbs.blend import methods
 from verbs.conventions import F64
-from verbs.errors import OutOfRange, RequestError, UnknownName
+from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
 from verbs.goal import Goal
 from verbs.kernels import pose as kernels
 from verbs.kernels import timing
@@ -143,7 +144,9 @@ class Evaluator:
 
     def blend(self, adverbs: F64, *, method: str | None = None) -> Blend:
         """Weights at adverbs (B, D), and what they reach."""
-        adverbs = self.check(adverbs)
+        return self._blend(self.check(adverbs), method)
+
+    def _blend(self, adverbs: F64, method: str | None) -> Blend:
         name, chosen = self.method(method)
         inside, clamped = self.clamp(adverbs)
         return self.measure(name, chosen.weights(inside), adverbs, clamped)
@@ -199,7 +202,7 @@ class Evaluator:
             See :meth:`adverbs`; or both a phase and a time are given, or one is out of range.
         """
         rows = self.check(adverbs) if isinstance(adverbs, np.ndarray) else self.adverbs(adverbs)
-        return self.pose_of(self.blend(rows, method=method), phase=phase, time_s=time_s)
+        return self.pose_of(self._blend(rows, method), phase=phase, time_s=time_s)
 
     def pose_of(self, blend: Blend, *, phase: float | F64 | None = None, time_s: float | F64 | None = None) -> Poses:
         """Poses of a blend (B rows, or one row for several phases)."""
@@ -247,6 +250,9 @@ class Evaluator:
 
     def warm(self) -> None:
         """Compile or load every kernel that a request may need, so that no request waits for one."""
+        for name in methods.usable(self.verb):
+            with suppress(VerbError):  # a method that this verb cannot have says so when it is asked for
+                self.blend(self.verb.values[:1], method=name)
         poses = self.pose(self.verb.values[:1], phase=0.0)
         self.pose_of(poses.blend, time_s=0.0)
         self.positions(poses)

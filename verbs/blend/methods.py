@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
+from verbs.blend.barycentric import Barycentric
 from verbs.blend.cardinal import Rbf
 from verbs.blend.corrected import Corrected
+from verbs.blend.inverse import Inverse
+from verbs.blend.knn import Knn
+from verbs.blend.perdof import PerDof
+from verbs.blend.refined import Hybrid, Refined
 from verbs.blend.search import Search
 from verbs.conventions import F64
-from verbs.errors import UnknownName
+from verbs.errors import RequestError, UnknownName
+from verbs.kernels import measure as measures
 from verbs.verb import Verb
 
-__all__ = ["METHODS", "Method", "default_method", "make"]
+__all__ = ["METHODS", "Method", "default_method", "make", "usable"]
 
 
 class Method(Protocol):
@@ -23,21 +30,62 @@ class Method(Protocol):
         ...
 
 
-METHODS: dict[str, Callable[[Verb], Method]] = {
-    "rbf": Rbf.of_verb,
-    "search": Search.of_verb,
-    "corrected": Corrected.of_verb,
+@dataclass(frozen=True, slots=True)
+class Row:
+    """How to prepare a method, the basis that it needs, and whether it needs something to measure."""
+
+    make: Callable[[Verb], Method]
+    basis: str = "rbf"
+    measured: bool = False
+
+
+METHODS: dict[str, Row] = {
+    "rbf": Row(Rbf.of_verb),
+    "perdof": Row(PerDof.of_verb),
+    "search": Row(Search.of_verb, measured=True),
+    "refined": Row(Refined.of_verb, basis="refined"),
+    "hybrid": Row(Hybrid.of_verb, basis="refined", measured=True),
+    "barycentric": Row(Barycentric.of_verb),
+    "knn": Row(Knn.of_verb),
+    "inverse": Row(Inverse.of_verb),
+    "corrected": Row(Corrected.of_verb, basis="smooth", measured=True),
 }
-"""Every method by name, as a function that prepares it for a verb."""
+"""Every method by name."""
 
 
 def default_method(verb: Verb) -> str:
     """Name of the method that a verb uses when none is asked for: ``corrected`` for every measured verb."""
-    return "corrected" if "smooth" in verb.bases else "rbf"
+    return "corrected" if "corrected" in usable(verb) else "rbf"
+
+
+def usable(verb: Verb) -> tuple[str, ...]:
+    """Names of the methods that a verb can be asked with."""
+    return tuple(name for name, row in METHODS.items() if _missing(row, verb) is None)
+
+
+def _missing(row: Row, verb: Verb) -> str | None:
+    """What a verb lacks for a method, or None."""
+    if row.basis not in verb.bases:
+        advice = "run 'adverb refine'" if row.basis == "refined" else "build it again with this version"
+        return f"a basis '{row.basis}', which verb '{verb.name}' does not have: {advice}"
+    if row.measured and verb.measure.kind == measures.NOTHING:
+        return f"something to measure, and verb '{verb.name}' has style adverbs only"
+    return None
 
 
 def make(name: str, verb: Verb) -> Method:
-    """Prepare a method for a verb; raises :class:`UnknownName` with the names that exist."""
+    """Prepare a method for a verb.
+
+    Raises
+    ------
+    UnknownName
+        No method is called so; names those that are.
+    RequestError
+        The verb lacks what the method needs.
+    """
     if name not in METHODS:
         raise UnknownName("method", name, METHODS)
-    return METHODS[name](verb)
+    missing = _missing(METHODS[name], verb)
+    if missing:
+        raise RequestError(f"method '{name}' needs {missing}")
+    return METHODS[name].make(verb)

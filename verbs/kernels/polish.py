@@ -42,6 +42,26 @@ def _walk_chain(root: F64, locals_: F64, turns: F64, offsets: F64, globals_: F64
 
 
 @kernel
+def _levers(globals_: F64, places: F64, point: F64, jacobian: F64, normal: F64) -> None:
+    """Effector velocities per turn of each joint about its own axes (L, 3, 3), and their sum of products (3, 3)."""
+    axis, column = np.empty(3), np.empty(3)
+    normal[:] = 0.0
+    for j in range(1, globals_.shape[0]):
+        x, y, z = point[0] - places[j, 0], point[1] - places[j, 1], point[2] - places[j, 2]
+        for k in range(3):
+            axis[:] = 0.0
+            axis[k] = 1.0
+            column[:] = 0.0
+            add_turned(globals_[j], axis, column)
+            jacobian[j, 0, k] = column[1] * z - column[2] * y
+            jacobian[j, 1, k] = column[2] * x - column[0] * z
+            jacobian[j, 2, k] = column[0] * y - column[1] * x
+            for a in range(3):
+                for b in range(3):
+                    normal[a, b] += jacobian[j, a, k] * jacobian[j, b, k]
+
+
+@kernel
 def polish(root: F64, locals_: F64, offsets: F64, goal: F64, limit: float, damping: float, turns: F64) -> float:
     """Turn a chain's joints until its effector is at the goal; return the distance left.
 
@@ -63,8 +83,7 @@ def polish(root: F64, locals_: F64, offsets: F64, goal: F64, limit: float, dampi
     """
     links = locals_.shape[0]
     globals_, places, point = np.empty((links, 4)), np.empty((links, 3)), np.empty(3)
-    jacobian, axis, column = np.empty((links, 3, 3)), np.empty(3), np.empty(3)
-    normal, miss = np.empty((3, 3)), np.empty(3)
+    jacobian, normal, miss = np.empty((links, 3, 3)), np.empty((3, 3)), np.empty(3)
     turns[:] = 0.0
     distance = 0.0
     for _ in range(30):
@@ -74,20 +93,7 @@ def polish(root: F64, locals_: F64, offsets: F64, goal: F64, limit: float, dampi
         distance = np.sqrt(miss[0] ** 2 + miss[1] ** 2 + miss[2] ** 2)
         if distance < 1e-9:
             break
-        normal[:] = 0.0
-        for j in range(1, links):
-            for k in range(3):
-                axis[:] = 0.0
-                axis[k] = 1.0
-                column[:] = 0.0
-                add_turned(globals_[j], axis, column)
-                x, y, z = point[0] - places[j, 0], point[1] - places[j, 1], point[2] - places[j, 2]
-                jacobian[j, 0, k] = column[1] * z - column[2] * y
-                jacobian[j, 1, k] = column[2] * x - column[0] * z
-                jacobian[j, 2, k] = column[0] * y - column[1] * x
-                for a in range(3):
-                    for b in range(3):
-                        normal[a, b] += jacobian[j, a, k] * jacobian[j, b, k]
+        _levers(globals_, places, point, jacobian, normal)
         for a in range(3):
             normal[a, a] += damping
         pull = np.linalg.solve(normal, miss)

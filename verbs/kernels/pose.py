@@ -193,6 +193,18 @@ def stride_to(weights: F64, strides: F64, start: float, end: float, looping: boo
 
 
 @kernel
+def _walk_cycles(weights: F64, strides: F64, cycles: int, place: F64) -> None:
+    """Walk whole cycles from the origin: one is walked, the others are its step, turned on."""
+    once = np.zeros(3)
+    stride_to(weights, strides, 0.0, 1.0, True, once)
+    for _ in range(cycles):
+        cosine, sine = np.cos(place[2]), np.sin(place[2])
+        place[0] += once[0] * cosine + once[1] * sine
+        place[1] += -once[0] * sine + once[1] * cosine
+        place[2] += once[2]
+
+
+@kernel
 def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: bool, root: F64, rotations: F64) -> None:
     """Place poses of a striding verb in the world: each walked there from phase 0, or, in ``one_walk``, from the last.
 
@@ -206,6 +218,9 @@ def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: boo
             start = phases[b - 1]
         else:
             place[:] = 0.0
+            if looping and phases[b] >= 2.0:
+                start = np.floor(phases[b])
+                _walk_cycles(weights[b], strides, int(start), place)
         stride_to(weights[b], strides, start, phases[b], looping, place)
         root[b, 0], root[b, 2] = place[0], place[1]
         heading[1], heading[3] = np.sin(0.5 * place[2]), np.cos(0.5 * place[2])

@@ -6,16 +6,19 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from verbs.blend import methods
+from verbs.blend.corrected import Corrected
 from verbs.conventions import F64
 from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
 from verbs.goal import Goal
+from verbs.kernels import ask, timing
+from verbs.kernels import measure as measures
 from verbs.kernels import pose as kernels
-from verbs.kernels import timing
 from verbs.kernels import weights as weighting
 from verbs.verb import Verb
 
@@ -97,6 +100,8 @@ class Evaluator:
         self.verb = verb
         self.goal = Goal.of_verb(verb)
         self._names = [adverb.name for adverb in verb.adverbs]
+        self._shape = (len(verb.examples), len(verb.measure.axes))
+        self._hot: tuple[Any, ...] | None = None
         self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
 
     def method(self, name: str | None = None) -> tuple[str, methods.Method]:
@@ -148,8 +153,20 @@ class Evaluator:
 
     def _blend(self, adverbs: F64, method: str | None) -> Blend:
         name, chosen = self.method(method)
+        if isinstance(chosen, Corrected) and self.verb.measure.kind == measures.POSITION:
+            return self._corrected_position(chosen, adverbs)
         inside, clamped = self.clamp(adverbs)
         return self.measure(name, chosen.weights(inside), adverbs, clamped)
+
+    def _corrected_position(self, method: Corrected, adverbs: F64) -> Blend:
+        """The hot path: :meth:`blend` for the default of most verbs, in one compiled call."""
+        if self._hot is None:
+            self._hot = _hot_arguments(self.goal, method)
+        size, shape = len(adverbs), self._shape
+        weights, measured = np.empty((size, shape[0])), np.empty((size, shape[1]))
+        error, moved = np.empty(size), np.empty(size)
+        ask.corrected_position(adverbs, weights, measured, error, moved, *self._hot)
+        return Blend("corrected", weights, measured, error, moved > 0)
 
     def measure(self, method: str, weights: F64, adverbs: F64, clamped: npt.NDArray[np.bool_]) -> Blend:
         """Measure what weights (B, N) reach against what adverbs (B, D) ask."""
@@ -256,3 +273,19 @@ class Evaluator:
         poses = self.pose(self.verb.values[:1], phase=0.0)
         self.pose_of(poses.blend, time_s=0.0)
         self.positions(poses)
+
+
+def _hot_arguments(goal: Goal, method: Corrected) -> tuple[Any, ...]:
+    """The arguments of :func:`verbs.kernels.ask.corrected_position` that do not change."""
+    verb, basis = goal.verb, method.basis
+    domain, measure = verb.domain, verb.measure
+    outer, inner = domain.chart, basis.chart
+    return (
+        *(outer.kind, outer.axes, outer.bend, outer.shift, outer.scale),
+        *(domain.facets, domain.middle, domain.sharpness),
+        *(inner.kind, inner.axes, inner.bend, inner.shift, inner.scale),
+        *(basis.kernel, basis.degree, basis.centers, basis.radii, basis.radial, basis.poly),
+        *(method.held, method.scale, method.rules, verb.rotation_mode),
+        *(goal.starts, goal.chain, goal.references, goal.offsets),
+        *(measure.axes, measure.origin, measure.frame, goal.inverse),
+    )

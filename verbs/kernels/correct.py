@@ -22,6 +22,7 @@ __all__ = [
     "correct_velocities",
     "jump_jacobian",
     "position_jacobian",
+    "reach_positions",
     "velocity_jacobian",
 ]
 
@@ -352,6 +353,16 @@ def correct_positions(
             position_jacobian(weights[b], mode, *chain, point, jacobian)
             if step(weights[b], goals[b], point, jacobian, held, scale, rules) < rules[2]:
                 break
+
+
+@kernel
+def reach_positions(weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, out: F64) -> None:
+    """Effector positions (B, 3) of weights (B, N); arrays as in :func:`position_jacobian`."""
+    links, jacobian = references.shape[0], np.empty((3, weights.shape[1]))
+    turns, locals_, places = np.empty((links, 4)), np.empty((links, 4)), np.empty((links, 4))
+    chain = (roots, rows, references, offsets, turns, locals_, places, np.empty((2, 3, 4)))
+    for b in range(weights.shape[0]):
+        position_jacobian(weights[b], mode, *chain, out[b], jacobian)
 
 
 @kernel

@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 export NUMBA_CACHE_DIR ?= $(CURDIR)/.cache/numba
+export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: help setup serve test lint types lock generate bench clean
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads spin, and xdist already uses every core
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path

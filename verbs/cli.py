@@ -24,7 +24,7 @@ from verbs.build.fit import Built, build
 from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
 from verbs.evaluate import Evaluator
 from verbs.io import bvh
-from verbs.measure.report import Figures, measure
+from verbs.measure.report import Figures, measure, recommend
 from verbs.verb import Verb
 
 __all__ = ["app", "main", "run"]
@@ -242,9 +242,14 @@ def measure_command(
             rows.append(measure(loaded, name, nodes=grid))
         say("measuring", len(chosen), len(chosen))
     if as_json:
-        _print_json({"verb": loaded.name, "methods": {row.method: row.as_dict() for row in rows}})
+        found: dict[str, Any] = {"verb": loaded.name, "methods": {row.method: row.as_dict() for row in rows}}
+        if len(rows) > 1:
+            found["recommendation"] = recommend(rows)
+        _print_json(found)
         return
     out.print(_measure_table(loaded, rows))
+    if len(rows) > 1:
+        out.print(recommend(rows))
 
 
 def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
@@ -257,8 +262,8 @@ def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
         "max, %",
         "κ mean",
         "κ max",
+        "zoom",
         "Σ|w| max",
-        "prepare, s",
         "µs",
     )
     table = Table(*heads, title=f"{verb.name}, {rows[0].domain}", caption=rows[0].grid, title_justify="left")
@@ -271,8 +276,8 @@ def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
             f"{row.error_max_pct:.3g}",
             f"{row.smoothness:.3g}",
             f"{row.smoothness_max:.3g}",
+            f"{row.zoom_ratio:.2f}",
             f"{row.weight_sum_max:.2f}",
-            f"{row.precompute_s:.2g}",
             f"{row.query_us:.2f}",
         )
     return table

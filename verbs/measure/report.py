@@ -9,12 +9,16 @@ from math import isnan
 import numpy as np
 
 from verbs.blend import methods
+from verbs.build import basis
+from verbs.conventions import F64
 from verbs.evaluate import Evaluator
-from verbs.measure.domain import Points, accuracy_points
-from verbs.measure.smoothness import smoothness
+from verbs.measure.domain import Points, accuracy_points, random_points
+from verbs.measure.smoothness import smoothness, zoom_ratios
 from verbs.verb import Verb
 
-__all__ = ["Figures", "diagonal", "measure"]
+__all__ = ["Figures", "diagonal", "measure", "recommend"]
+
+OUTSIDE_SEED = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +26,10 @@ class Figures:
     """What ``adverb measure`` prints for one method.
 
     Errors are distances, in metres (speeds: m/s) and in percent of the diagonal of the examples' bounding box in the
-    space of goals; κ is dimensionless and belongs to its grid; ``query_us`` is the least of several runs.
+    space of goals; ``error_outside`` is taken between the hull and the hull grown by a tenth. κ is dimensionless and
+    belongs to its grid; ``zoom_ratio`` is the least ratio of its last two halvings around its maximum: 4 where weights
+    are twice differentiable, 2 at kinks, 1 at jumps. ``precompute_s`` counts from the examples; ``query_us`` is the
+    least of several runs.
     """
 
     method: str
@@ -33,6 +40,9 @@ class Figures:
     smoothness: float
     smoothness_max: float
     weight_sum_max: float
+    error_outside_mean_m: float
+    error_outside_max_m: float
+    zoom_ratio: float
     precompute_s: float
     query_us: float
     samples: int
@@ -52,7 +62,7 @@ def diagonal(verb: Verb) -> float:
     return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
 
 
-def measure(verb: Verb, method: str, *, nodes: int = 61, points: Points | None = None) -> Figures:
+def measure(verb: Verb, method: str, *, nodes: int = 61, points: Points | None = None, zoom: bool = True) -> Figures:
     """Measure a method on a verb.
 
     Parameters
@@ -63,16 +73,16 @@ def measure(verb: Verb, method: str, *, nodes: int = 61, points: Points | None =
         Nodes to a side of the slices on which smoothness is measured.
     points : Points, optional
         Where to measure the error; by default :func:`accuracy_points`.
+    zoom : bool
+        Whether to measure ``zoom_ratio``, which takes as long as all the rest.
     """
-    where = points or accuracy_points(verb)
-    started = time.perf_counter()
-    methods.make(method, verb)
-    precompute = time.perf_counter() - started
-    evaluator = Evaluator(verb)
+    where, evaluator = points or accuracy_points(verb), Evaluator(verb)
     blend = evaluator.blend(where.adverbs, method=method)
     mean, top, grid = smoothness(evaluator, method, nodes=nodes)
-    measurable, size = evaluator.goal.measurable, diagonal(verb)
-    error_mean, error_max = (blend.error.mean(), blend.error.max()) if measurable else (np.nan, np.nan)
+    size = diagonal(verb)
+    error_mean, error_max = _mean_and_max(evaluator, blend.error)
+    around = random_points(verb, np.random.default_rng(OUTSIDE_SEED), len(where.adverbs), gauge=(1.0, 1.1))
+    outside = _mean_and_max(evaluator, evaluator.blend(around, method=method).error)
     return Figures(
         method=method,
         error_mean_m=float(error_mean),
@@ -82,12 +92,35 @@ def measure(verb: Verb, method: str, *, nodes: int = 61, points: Points | None =
         smoothness=mean,
         smoothness_max=top,
         weight_sum_max=float(np.abs(blend.weights).sum(axis=1).max()),
-        precompute_s=precompute,
+        error_outside_mean_m=outside[0],
+        error_outside_max_m=outside[1],
+        zoom_ratio=min(zoom_ratios(evaluator, method, nodes=nodes)[-2:]) if zoom else float("nan"),
+        precompute_s=_precompute_s(verb, method),
         query_us=_query_us(evaluator, method, where),
         samples=len(where.adverbs),
         domain=where.text,
         grid=grid,
     )
+
+
+def _mean_and_max(evaluator: Evaluator, error: F64) -> tuple[float, float]:
+    if not evaluator.goal.measurable:
+        return float("nan"), float("nan")
+    return float(error.mean()), float(error.max())
+
+
+def _precompute_s(verb: Verb, method: str) -> float:
+    """Seconds from the examples' adverbs to a method that is ready, kernels being compiled; the least of three."""
+    best = np.inf
+    for _ in range(3):
+        started = time.perf_counter()
+        if method == "corrected":
+            basis.smooth(verb.bases["smooth"].chart, verb.values)
+        elif method in ("rbf", "search"):
+            basis.cardinal(verb.bases["rbf"].chart, verb.values)
+        methods.make(method, verb)
+        best = min(best, time.perf_counter() - started)
+    return float(best)
 
 
 def _query_us(evaluator: Evaluator, method: str, points: Points) -> float:
@@ -100,3 +133,29 @@ def _query_us(evaluator: Evaluator, method: str, points: Points) -> float:
         chosen.weights(batch)
         best = min(best, time.perf_counter() - started)
     return float(1e6 * best / len(batch))
+
+
+def recommend(rows: list[Figures]) -> str:
+    """Which method to use, and why, from measured figures of at least one method.
+
+    Among the methods whose weights do not jump (zoom ratio of at least 3) the one with the least largest error; among
+    those within a factor of two of it, the smoothest. Where every method jumps, the most accurate.
+    """
+    steady = [row for row in rows if row.zoom_ratio >= 3.0 or np.isnan(row.zoom_ratio)] or rows
+    if np.isnan(steady[0].error_max_m):
+        best = min(steady, key=lambda row: row.smoothness)
+        return (
+            f"Use {best.method}: nothing can be measured, and its weights are the smoothest (κ {best.smoothness:.2e})."
+        )
+    least = min(row.error_max_m for row in steady)
+    best = min((row for row in steady if row.error_max_m <= 2.0 * least), key=lambda row: row.smoothness)
+    reasons = [f"its largest error is {best.error_max_m:.2g} and its weights do not jump"]
+    smoothest = min(rows, key=lambda row: row.smoothness)
+    if smoothest.method != best.method:
+        kappas = f"κ {smoothest.smoothness:.2e} against {best.smoothness:.2e}"
+        reasons.append(f"{smoothest.method} is smoother ({kappas}) and misses by up to {smoothest.error_max_m:.2g}")
+    fastest = min(rows, key=lambda row: row.query_us)
+    if fastest.method != best.method:
+        ratio = best.query_us / fastest.query_us
+        reasons.append(f"{fastest.method} is {ratio:.0f}× faster and misses by {fastest.error_mean_m:.2g} on average")
+    return f"Use {best.method}: {'; '.join(reasons)}."

@@ -17,7 +17,7 @@ import numpy as np
 from verbs.blend.methods import default_method
 from verbs.build import apex, basis, charting, curves
 from verbs.build.source import Source, SourceExample, read
-from verbs.conventions import F64
+from verbs.conventions import F64, I64
 from verbs.errors import IllPosedVerb, MotionFileError, SkeletonMismatch, SourceError, UnknownName
 from verbs.evaluate import Evaluator
 from verbs.goal import Goal
@@ -186,6 +186,8 @@ def _measure_of(source: Source, motion: Motion) -> Measure:
     if kind == measures.POSITION:
         if source.effector_keytime < 0 or source.effector is None:
             raise SourceError(source.path, "measure 'joint_position' needs effector and effector_keytime_index")
+        if source.goal:
+            return _sheet(source, effector, axes)
         if len(axes) != 3:
             if not names or not set(names) <= {"x", "y", "z"}:
                 raise SourceError(
@@ -204,6 +206,14 @@ def _measure_of(source: Source, motion: Motion) -> Measure:
     elif kind == measures.JUMP:
         keytime = source.keytime_names.index(apex.NAME)
     return Measure(kind, effector, keytime, axes, np.zeros(3), frame)
+
+
+def _sheet(source: Source, effector: int, axes: I64) -> Measure:
+    """A joint position whose adverbs are coordinates on a sheet (or line) in space."""
+    frame = np.array(source.goal[1:]).T
+    if np.linalg.matrix_rank(frame) < len(axes):
+        raise SourceError(source.path, "the axes of [goal] must be independent of each other")
+    return Measure(measures.POSITION, effector, source.effector_keytime, axes, np.array(source.goal[0]), frame)
 
 
 def _draft(

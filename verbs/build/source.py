@@ -26,7 +26,7 @@ ROTATIONS = ("quaternion", "rotation_vector")
 
 _KEYS = {
     "name", "description", "looping", "root", "effector", "effector_keytime_index", "measure", "keytime_names",
-    "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations",
+    "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
 }  # fmt: skip
 
 
@@ -56,7 +56,11 @@ class SourceExample:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What ``verb.toml`` says, checked. ``provenance`` keeps every key that has no meaning here."""
+    """What ``verb.toml`` says, checked.
+
+    ``goal`` is empty, or an origin and one axis per measured adverb, three numbers each: where the adverbs of a sheet
+    lie in space. ``provenance`` keeps every key that has no meaning here.
+    """
 
     path: Path
     name: str
@@ -73,6 +77,7 @@ class Source:
     adverbs: tuple[SourceAdverb, ...]
     examples: tuple[SourceExample, ...]
     simplices: tuple[tuple[int, ...], ...]
+    goal: tuple[tuple[float, ...], ...]
     provenance: Mapping[str, Any]
 
 
@@ -120,6 +125,7 @@ def read(folder: str | Path) -> Source:
         adverbs=adverbs,
         examples=examples,
         simplices=_simplices(reader, table, len(examples), len(adverbs)),
+        goal=_goal(reader, table, sum(not adverb.style for adverb in adverbs)),
         provenance={key: value for key, value in table.items() if key not in _KEYS},
     )
 
@@ -280,3 +286,17 @@ def _simplices(reader: _Reader, table: dict[str, Any], examples: int, dims: int)
                 reader.path, f"simplex {row!r:.60} must be {dims + 1} different example indices below {examples}"
             )
     return tuple(tuple(row) for row in rows)
+
+
+def _goal(reader: _Reader, table: dict[str, Any], measured: int) -> tuple[tuple[float, ...], ...]:
+    """``[goal]`` with ``origin`` (m) and ``axes``, one per measured adverb: goal = origin + Σ adverb · axis."""
+    goal = table.get("goal")
+    if goal is None:
+        return ()
+    axes = goal.get("axes") if isinstance(goal, dict) else None
+    if not isinstance(axes, list) or len(axes) != measured:
+        raise SourceError(
+            reader.path, f"[goal] needs origin = [x, y, z] and axes, one [x, y, z] for each of {measured}"
+        )
+    rows = [{"row": goal.get("origin")}, *({"row": axis} for axis in axes)]
+    return tuple(reader.numbers(row, "row", 3, "coordinates", "[goal]") for row in rows)

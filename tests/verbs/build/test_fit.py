@@ -140,3 +140,24 @@ def test_bvh_to_verb_to_bvh_keeps_every_joint_within_a_millimetre(mocap, verb_of
         true -= motion.root[0] * [1, 0, 1] if verb.looping else 0.0
         assert np.linalg.norm(found - true, axis=-1).max() < 1e-3
         assert verb.quality["curve_error_max_m"] < 1e-3
+
+
+def test_adverbs_may_be_coordinates_on_a_sheet(tmp_path):
+    """The same arm, asked in coordinates that are turned and shifted against its own: the same poses."""
+    turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    plain, folder = build(arm_source(tmp_path / "plain")).verb, arm_source(tmp_path / "sheet")
+    text = (folder / "verb.toml").read_text()
+    for name, values in zip("abcde", plain.values, strict=True):
+        sheet = (values - [0.1, 0.2]) @ turn.T
+        head, tail = text.split(f'file = "{name}.bvh"', 1)
+        before, after = tail.split("adverb_values = [", 1)
+        text = f'{head}file = "{name}.bvh"{before}adverb_values = {sheet.tolist()}{after.partition("]")[2]}'
+    axes = [[*row, 0.0] for row in turn.tolist()]
+    goal = f"goal = {{origin = [0.1, 0.2, 0.0], axes = {axes}}}\n"
+    (folder / "verb.toml").write_text(goal + text)
+    sheet_verb = build(folder).verb
+    asked = plain.values.mean(axis=0)[None]
+    one = Evaluator(plain).blend(asked)
+    other = Evaluator(sheet_verb).blend((asked - [0.1, 0.2]) @ turn.T)
+    assert other.error[0] < 1e-9
+    np.testing.assert_allclose(other.weights, one.weights, atol=1e-6)

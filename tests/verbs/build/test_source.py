@@ -70,6 +70,7 @@ def test_broken_toml_is_a_source_error(tmp_path, text):
         ('name = "arm"', 'name = "arm"\nup_axis = "+Z"', r"convert the motions to \+Y"),
         ('name = "arm"', 'name = "arm"\nunits = {length = "furlong"}', "must be one of m, dm, cm"),
         ('name = "arm"', 'name = "arm"\nsimplices = [[0, 1, 9]]', "3 different example indices below 5"),
+        ('name = "arm"', 'name = "arm"\ngoal = {origin = [0, 0, 0], axes = [[1, 0, 0]]}', "for each of 2"),
     ],
 )  # fmt: skip
 def test_a_wrong_key_is_named_with_the_way_out(source, pattern, replacement, message):

@@ -1,16 +1,25 @@
+import re
+import shutil
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.verbs.sources import arm_source
 from verbs import library
+from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
 from verbs.build import basis as bases
+from verbs.build import curves
 from verbs.build.fit import build
 from verbs.evaluate import Evaluator
 from verbs.goal import Goal
+from verbs.io import bvh
 from verbs.kernels import correct
 from verbs.measure.domain import accuracy_points, random_points
-from verbs.measure.smoothness import smoothness
+from verbs.measure.leave_out import subset
+from verbs.measure.smoothness import smoothness, zoom_ratios
+from verbs.motion import Motion
 
 POSITIONS = ["reach", "punch", "kick"]
 KAPPA = {"reach": 0.85, "punch": 0.85, "jump": 0.85, "locomotion": 0.95, "kick": 1.25}
@@ -99,34 +108,10 @@ def test_random_subsets_of_the_examples_are_exact_too(mocap, verb_of, name):
         assert blend.error.max() < 1e-6
 
 
-def subset(verb, kept):
-    """A verb of some of its examples, with its domain and bases solved anew in the same charts."""
-    from dataclasses import replace
-
-    values = np.ascontiguousarray(verb.values[kept])
-    units = tuple(adverb.unit for adverb in verb.adverbs)
-    old = verb.domain.chart
-    chart = bases.chart_of(values, units, kind=old.kind, axes=old.axes, bend=old.bend)
-    plain = bases.chart_of(values, units)
-    return replace(
-        verb,
-        examples=tuple(verb.examples[i] for i in kept),
-        values=values,
-        keytimes=np.ascontiguousarray(verb.keytimes[kept]),
-        curves=np.ascontiguousarray(verb.curves[:, kept]),
-        strides=np.ascontiguousarray(verb.strides[:, kept]),
-        domain=bases.domain_of(chart, values),
-        bases={"rbf": bases.cardinal(plain, values), "smooth": bases.smooth(chart, values)},
-    )
-
-
 @pytest.mark.parametrize("name", POSITIONS)
 @pytest.mark.parametrize("shift", [-1, 1])
 def test_keytimes_moved_by_a_frame_are_exact_too(mocap, name, shift, tmp_path):
     """Robustness: another pose at the keytime, another hull, other smooth weights."""
-    import re
-    import shutil
-
     folder = tmp_path / name
     shutil.copytree(mocap / name, folder)
     text = (folder / "verb.toml").read_text()
@@ -163,23 +148,26 @@ def test_goals_out_of_reach_stay_finite_bounded_and_smooth(mocap, verb_of, name)
 @pytest.mark.parametrize("name", POSITIONS)
 def test_curvature_falls_by_four_per_halving_where_it_is_largest(mocap, verb_of, name):
     """Zoom on the worst node: twice differentiable weights show a ratio of 4 in the end, jumps and kinks do not."""
-    ratios = zoom(Evaluator(verb_of(name)), "corrected")
+    ratios = zoom_ratios(Evaluator(verb_of(name)), "corrected")
     assert min(ratios[-2:]) >= 3.9
 
 
-def zoom(evaluator, method):
-    """κ at the worst node of the slices, its spacing halved five times around it: ratios of successive maxima."""
-    from verbs.measure.smoothness import zoom_ratios
+@pytest.mark.parametrize("method", ["inverse", "barycentric"])
+def test_methods_that_jump_or_fold_fail_the_same_zoom(mocap, verb_of, method):
+    """The control: were these to pass, the zoom would show nothing."""
+    assert min(zoom_ratios(Evaluator(verb_of("punch")), method)[-2:]) < 2.2
 
-    return zoom_ratios(evaluator, method)
+
+@pytest.mark.parametrize(
+    ("name", "other"), [("reach", "inverse"), ("reach", "knn"), ("punch", "inverse"), ("punch", "knn")]
+)
+def test_methods_that_choose_neighbours_are_eight_times_rougher(mocap, verb_of, name, other):
+    evaluator = Evaluator(verb_of(name))
+    assert smoothness(evaluator, "corrected")[0] <= smoothness(evaluator, other)[0] / 8
 
 
 def test_sign_of_a_quaternion_does_not_matter(tmp_path):
     """q and −q in the source give the same verb, to the bit."""
-    from verbs.build import curves
-    from verbs.io import bvh
-    from verbs.motion import Motion
-
     source = arm_source(tmp_path / "arm")
     motions = [bvh.read(path) for path in sorted(source.glob("*.bvh"))]
     flipped = [
@@ -209,8 +197,6 @@ def test_the_order_of_the_examples_does_not_matter(mocap, verb_of, method):
 
 def test_style_adverbs_are_left_alone(mocap, verb_of):
     """With a style adverb the correction keeps the blended style where the smooth weights put it."""
-    from dataclasses import replace
-
     verb = verb_of("punch")
     tired = np.random.default_rng(6).uniform(size=(len(verb.examples), 1))
     values = np.ascontiguousarray(np.concatenate([verb.values, tired], axis=1))
@@ -225,9 +211,6 @@ def test_style_adverbs_are_left_alone(mocap, verb_of):
     )
     method = Corrected.of_verb(styled)
     points = random_points(styled, np.random.default_rng(7), 200)
-    start = method.basis
-    from verbs.blend.cardinal import basis_weights
-
-    before, after = basis_weights(start, points), method.weights(points)
+    before, after = basis_weights(method.basis, points), method.weights(points)
     np.testing.assert_allclose(after @ tired, before @ tired, atol=1e-9)
     assert np.median(Evaluator(styled).blend(points).error) < 1e-9

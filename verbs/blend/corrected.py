@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from verbs.blend.cardinal import basis_weights
 from verbs.conventions import F64
@@ -19,7 +20,7 @@ from verbs.verb import Basis, Verb
 __all__ = ["SATURATION", "STEPS", "Corrected"]
 
 SATURATION = 0.15
-"""Longest step's residual, as a share of the diagonal of the examples' goals."""
+"""Longest step's residual, as a share of the greatest distance between two examples' goals."""
 
 STEPS = 8
 """Most steps; six are enough everywhere we looked, the others are margin that costs nothing where it is not used."""
@@ -66,7 +67,9 @@ class Corrected:
             scale, damping = 1.0 / np.where(span > 0, span, 1.0), DAMPING_RANGES
         else:
             scale, damping = np.ones(3), DAMPING_M2
-        rules = np.array([SATURATION * float(np.linalg.norm(scale * span)), damping, STOP, steps])
+        # The farthest pair, not the bounding box: turning the whole verb must change nothing.
+        size = float(pdist(scale * points).max())
+        rules = np.array([SATURATION * size, damping, STOP, steps])
         return cls(verb.bases[basis], goal, held, scale, rules)
 
     def weights(self, adverbs: F64) -> F64:

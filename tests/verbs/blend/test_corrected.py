@@ -15,7 +15,7 @@ from verbs.build.fit import build
 from verbs.evaluate import Evaluator
 from verbs.goal import Goal
 from verbs.io import bvh
-from verbs.kernels import correct
+from verbs.kernels import correct, quat
 from verbs.measure.domain import accuracy_points, random_points
 from verbs.measure.leave_out import subset
 from verbs.measure.smoothness import smoothness, zoom_ratios
@@ -214,3 +214,23 @@ def test_style_adverbs_are_left_alone(mocap, verb_of):
     before, after = basis_weights(method.basis, points), method.weights(points)
     np.testing.assert_allclose(after @ tired, before @ tired, atol=1e-9)
     assert np.median(Evaluator(styled).blend(points).error) < 1e-9
+
+
+@pytest.mark.parametrize("method", ["rbf", "corrected"])
+def test_a_verb_that_is_turned_and_moved_as_a_whole_gives_the_same_weights(mocap, verb_of, method, tmp_path):
+    """Rigid motions of all examples move the measured goals along and change nothing else."""
+    verb, folder = verb_of("kick"), tmp_path / "kick"
+    shutil.copytree(mocap / "kick", folder)
+    turn, shift = quat.exp(np.array([0.0, 0.7, 0.0])), np.array([0.4, 0.0, -0.3])
+    for path in folder.glob("*.bvh"):
+        motion = bvh.read(path)
+        rotations = motion.rotations.copy()
+        rotations[:, 0] = quat.mul(turn, rotations[:, 0])
+        moved = Motion(motion.skeleton, motion.fps, quat.rotate(turn, motion.root) + shift, rotations)
+        bvh.write(moved, path, decimals=8)
+    turned = build(folder).verb
+    np.testing.assert_allclose(turned.values, quat.rotate(turn, verb.values) + shift, atol=2e-6)
+    goals = random_points(verb, np.random.default_rng(9), 100)
+    one = Evaluator(verb).blend(goals, method=method).weights
+    other = Evaluator(turned).blend(np.ascontiguousarray(quat.rotate(turn, goals) + shift), method=method).weights
+    np.testing.assert_allclose(other, one, atol=1e-4)

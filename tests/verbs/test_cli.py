@@ -75,7 +75,7 @@ def test_export_writes_a_motion_that_reaches_the_goal(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (["info", "nobody"], UnknownName, "unknown verb 'nobody'; known: arm3, reach"),
+        (["info", "nobody"], UnknownName, "unknown verb 'nobody'; known: arm3, board, reach"),
         (["pose", "arm3", "--at", "x=one"], OutOfRange, "write name=value"),
         (["pose", "arm3", "--at", "x=0.1,y=0.1", "--method", "magic"], UnknownName, "unknown method 'magic'"),
         (["export", "arm3", "--at", "x=0.1,y=0.1", "-o", "x", "--format", "fbx"], UnknownName, "known: bvh"),

@@ -44,7 +44,7 @@ def test_mocap_goals_are_met_everywhere_in_the_domain(mocap, verb_of, name):
     np.testing.assert_allclose(blend.weights.sum(axis=1), 1.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["arm3", "reach"])
+@pytest.mark.parametrize("name", ["arm3", "board", "reach"])
 def test_builtin_goals_are_met_everywhere_in_the_domain(name):
     verb = library.load(name)
     assert Evaluator(verb).blend(accuracy_points(verb).adverbs).error.max() < 1e-6

@@ -10,10 +10,10 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from verbs.library.author import arm3, reach
+from verbs.library.author import arm3, board, reach
 from verbs.library.author.source import Source, write
 
-VERBS: dict[str, Callable[[], Source]] = {"arm3": arm3.source, "reach": reach.source}
+VERBS: dict[str, Callable[[], Source]] = {"arm3": arm3.source, "board": board.source, "reach": reach.source}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

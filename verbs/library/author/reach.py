@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,7 +14,10 @@ from verbs.library.author.humanoid import BALANCE_POINT, humanoid
 from verbs.library.author.source import Adverb, Example, Source
 from verbs.motion import Motion
 
-__all__ = ["FPS", "apex", "motion", "source", "targets"]
+__all__ = ["FPS", "Manner", "apex", "manner", "motion", "source", "targets"]
+
+Manner = Callable[[Figure, F64, F64, float], list[solver.Term]]
+"""Soft terms of a reach from the figure, the goal (3,) of this solve, the target (3,) and the share of the way."""
 
 FPS = 30.0
 _DECIMALS = 5  # metres and degrees: feet stay put to a hundredth of a millimetre, 24 files stay near 1 MB
@@ -92,8 +95,15 @@ def targets() -> dict[str, F64]:
     return result
 
 
-def apex(figure: Figure, target: Floats) -> F64:
+def apex(figure: Figure, target: Floats, how: Manner | None = None) -> F64:
     """Solve the pose with the right wrist at a target (3,), feet planted and in balance.
+
+    Parameters
+    ----------
+    figure : Figure
+    target : (3,)
+    how : Manner, optional
+        :func:`manner` unless given.
 
     Returns
     -------
@@ -103,17 +113,17 @@ def apex(figure: Figure, target: Floats) -> F64:
     turns, positions = figure.forward(figure.rest)
     feet, wrist = figure.joints("LeftFoot", "RightFoot"), figure.joints("RightHand")
     planted = [solver.place(feet, positions[feet]), solver.orient(feet, turns[feet])]
-    values = None
+    values, how = None, how or manner
     for share in np.linspace(0.0, 1.0, _STEPS + 1)[1:]:
         goal = (1 - share) * positions[wrist[0]] + share * np.asarray(target)
-        soft = _manner(figure, goal, np.asarray(target), share)
+        soft = how(figure, goal, np.asarray(target), share)
         hard = [*planted, solver.place(wrist, goal[None])]
         values = solver.solve(figure, soft, hard, start=values, tolerance=1e-10 if share == 1.0 else 1e-3)
     assert values is not None  # there is at least one step
     return values
 
 
-def _manner(figure: Figure, goal: F64, target: F64, share: float) -> list[solver.Term]:
+def manner(figure: Figure, goal: F64, target: F64, share: float) -> list[solver.Term]:
     """Soft terms of a reach: little effort, in balance, eyes on the target, knees and free arm as the height asks."""
     left, head = figure.skeleton.index("LeftArm"), figure.skeleton.index("Head")
     stoop = _stoop(goal)
@@ -138,13 +148,15 @@ def _stoop(goal: F64) -> float:
     return float(0.12 * np.logaddexp(0.0, (_TABLE_M - goal[1]) / 0.12))
 
 
-def motion(target: Floats) -> tuple[Motion, F64]:
+def motion(target: Floats, how: Manner | None = None) -> tuple[Motion, F64]:
     """Author one reach.
 
     Parameters
     ----------
     target : (3,)
         Where the right wrist goes, metres.
+    how : Manner, optional
+        :func:`manner` unless given.
 
     Returns
     -------
@@ -154,7 +166,7 @@ def motion(target: Floats) -> tuple[Motion, F64]:
         Start, apex, end, seconds; all on frames.
     """
     figure = humanoid()
-    values = apex(figure, target)
+    values = apex(figure, target, how)
     out, back = _frame_counts(figure, np.asarray(target))
     phases = np.concatenate([np.arange(out) / out, 1.0 + np.arange(back + 1) / back])
     root, rotations = _in_between(figure, values, phases)

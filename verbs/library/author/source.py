@@ -60,9 +60,10 @@ class Source:
     comment : str
         First lines of verb.toml.
     keys : mapping
-        Top-level keys of verb.toml in order; ``name``, ``effector`` and ``effector_keytime_index`` among them.
+        Top-level keys of verb.toml in order; ``name``, ``effector`` and ``effector_keytime_index`` among them, and
+        ``goal`` (a mapping with ``origin`` and ``axes``) where the adverbs are coordinates on a sheet.
     adverbs : sequence of Adverb
-        Measured adverbs are named x, y or z after the effector's coordinate.
+        Measured adverbs are named x, y or z after the effector's coordinate, unless they lie on a sheet.
     examples : iterable of Example
         May author lazily.
     decimals : int
@@ -90,7 +91,7 @@ def write(source: Source, folder: Path) -> Iterable[str]:
         path = folder / f"{example.name}.bvh"
         bvh.write(example.motion, path, decimals=source.decimals)
         point = measured(source, path, example.keytimes)
-        values = [round(float(point[_AXES[each.name]]), 9) for each in source.adverbs if not each.style]
+        values = [round(float(value), 9) for value in _coordinates(source, point)]
         rows = {"file": path.name, "keytimes": example.keytimes.tolist(), "adverb_values": [*values, *example.style]}
         blocks.append(_table("[[example]]", rows))
         written.add(path)
@@ -115,6 +116,14 @@ def measured(source: Source, path: Path, keytimes: Floats) -> F64:
     return np.asarray(positions[skeleton.index(str(source.keys["effector"]))])
 
 
+def _coordinates(source: Source, point: F64) -> F64:
+    """Measured adverbs (D,) of a point (3,): its coordinates, or those of the nearest point of the sheet."""
+    goal = source.keys.get("goal")
+    if isinstance(goal, Mapping):
+        return np.asarray(np.linalg.lstsq(np.transpose(goal["axes"]), point - goal["origin"])[0])
+    return np.array([point[_AXES[each.name]] for each in source.adverbs if not each.style])
+
+
 def _adverb_rows(adverb: Adverb) -> dict[str, object]:
     rows: dict[str, object] = {"name": adverb.name, "unit": adverb.unit, "description": adverb.description}
     return rows | {"style": True} if adverb.style else rows
@@ -125,5 +134,11 @@ def _table(heading: str, rows: Mapping[str, object]) -> str:
 
 
 def _rows(rows: Mapping[str, object]) -> str:
-    # JSON writes strings, numbers, lists and booleans exactly as TOML reads them.
-    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in rows.items())
+    return "".join(f"{key} = {_value(value)}\n" for key, value in rows.items())
+
+
+def _value(value: object) -> str:
+    # JSON writes strings, numbers, lists and booleans exactly as TOML reads them; tables inside a line it does not.
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_value(each)}" for key, each in value.items()) + "}"
+    return json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""The command ``adverb``: build, inspect, ask, measure and export verbs.
+"""The command ``adverb``: build, inspect, ask, measure, refine and export verbs, and draw the papers' figures.
 
 Results go to stdout, everything else to stderr.
 """
@@ -344,3 +344,23 @@ def export_command(
     poses = sequence.sequence(evaluator, evaluator.adverbs(parse_at(at)), fps, cycles=cycles, method=method)
     bvh.write(sequence.to_motion(evaluator, poses, fps), output)
     err.print(f"{output}: {len(poses.root)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s")
+
+
+@app.command("figures")
+def figures_command(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for results.md and figures/.")] = Path("docs"),
+    data: Annotated[
+        Path | None, typer.Option(help="Folder of captured verb sources; the built-in verbs without it.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Coarse grids, built-in verbs: to see that it works.")] = False,
+) -> None:
+    """Make the papers' tables and figures anew, from our own runs. Takes minutes.
+
+    Example: [bold]adverb figures --data mocap -o docs[/]
+    """
+    from verbs.measure.figures import figures  # its pictures need matplotlib, which nothing else does
+
+    with _progress() as say:
+        paths = figures(output, data=data, quick=quick, progress=say)
+    for path in paths:
+        typer.echo(path)

@@ -1,0 +1,85 @@
+"""Pictures and tables of both papers, made anew from our own runs: every one from fixed seeds.
+
+Source: Rose, Sloan, Cohen 2001 (seed 1); Feng, Huang, Kallmann, Shapiro 2012 (seed 2).
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from verbs import library
+from verbs.measure.figures import board, charts, flow, grids, maps, results, rows
+from verbs.measure.figures.cardinal import draw_cardinal
+from verbs.measure.figures.refining import Refinement, refinement
+from verbs.measure.figures.study import Progress, Study, found, study
+
+__all__ = ["figures"]
+
+
+def figures(out: Path, *, data: Path | None, quick: bool = False, progress: Progress | None = None) -> list[Path]:
+    """Write every picture, and the tables that belong to them.
+
+    Parameters
+    ----------
+    out : Path
+        Folder that gets ``results.md`` and ``figures/*.png``.
+    data : Path or None
+        Folder of captures, one folder per verb: reach, punch, kick, jump, locomotion, as far as they are there. Where
+        there is none of them the built-in verbs take their place.
+    quick : bool
+        Built-in verbs, coarse grids and few pseudo-examples only: to see that it works, not to be read.
+    progress : callable, optional
+        Told (stage, done, total) on the way.
+
+    Returns
+    -------
+    paths : list of Path
+        What was written, ``results.md`` last.
+
+    Raises
+    ------
+    VerbError
+        If matplotlib is missing.
+    """
+    board.require()
+    say = progress or (lambda stage, done, total: None)
+    started, folder = time.perf_counter(), out / "figures"
+    folder.mkdir(parents=True, exist_ok=True)
+    refined = [refinement(library.load(name), quick=quick, progress=say) for name in ("arm3", "reach")]
+    paths = _seed_1(folder, refined, say)
+    sources = [] if data is None or quick else found(data)
+    studies = [study(verb, quick=quick, progress=say) for verb in sources or [one.verb for one in refined]]
+    paths += _seed_2(folder, studies, say)
+    paths += rows.draw(folder, [refined[1].verb, *sources], say)
+    flows = [flow.draw(folder / "seed2_fig6_flow.png", verb, say) for verb in sources if verb.name == "locomotion"]
+    paths += [one.path for one in flows]
+    text = results.page(refined, studies, flows, captured=bool(sources), seconds=time.perf_counter() - started)
+    (out / "results.md").write_text(text, encoding="utf-8")
+    return [*paths, out / "results.md"]
+
+
+def _seed_1(folder: Path, refined: list[Refinement], say: Progress) -> list[Path]:
+    arm, reach = refined
+    say("seed 1", 0, 4)
+    paths = [draw_cardinal(folder / "seed1_fig4_5_cardinal.png")]
+    say("seed 1", 1, 4)
+    paths.append(grids.draw_arm(folder / "seed1_fig6_9_11_arm.png", arm))
+    say("seed 1", 2, 4)
+    paths.append(grids.draw_reach(folder / "seed1_fig8_13_reach.png", reach))
+    say("seed 1", 3, 4)
+    paths.append(charts.draw_curves(folder / "seed1_fig14_pseudo_examples.png", refined))
+    say("seed 1", 4, 4)
+    return paths
+
+
+def _seed_2(folder: Path, studies: list[Study], say: Progress) -> list[Path]:
+    paths = [
+        maps.draw_domains(folder / "seed2_fig2_domains.png", [one.verb for one in studies]),
+        maps.draw_errors(folder / "seed2_fig3_accuracy.png", studies),
+        maps.draw_curvatures(folder / "seed2_fig4_smoothness.png", studies),
+        charts.draw_bars(folder / "seed2_fig5_comparison.png", studies),
+        charts.draw_overview(folder / "seed2_fig7_overview.png", studies),
+    ]
+    say("seed 2", len(paths), len(paths))
+    return paths

@@ -1,0 +1,72 @@
+"""What every picture shares: an empty figure, the colours of methods, and how a picture is saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from verbs.errors import VerbError
+
+__all__ = ["COLOURS", "MARKERS", "SHOWN", "canvas", "legend_below", "require", "save", "shrink"]
+
+SHOWN = ("barycentric", "knn", "inverse", "rbf", "corrected")
+"""Methods on maps and charts: the four of seed 2 in its order, and ours. ``perdof`` has the weights of ``rbf``."""
+
+# Okabe and Ito's palette, told apart with any colour vision; and markers, told apart without colour.
+COLOURS = {
+    "barycentric": "#E69F00",
+    "knn": "#56B4E9",
+    "inverse": "#D55E00",
+    "rbf": "#0072B2",
+    "corrected": "#009E73",
+    "refined": "#CC79A7",
+    "search": "#7F7F7F",
+    "hybrid": "#000000",
+}
+MARKERS = {"barycentric": "s", "knn": "^", "inverse": "D", "rbf": "o", "corrected": "*"}
+
+
+def require() -> None:
+    """Raise :class:`VerbError` where matplotlib is missing."""
+    try:
+        import matplotlib as _  # noqa: F401 - only whether it is there
+    except ImportError as err:
+        raise VerbError("drawing needs matplotlib: pip install 'adverb[figures]'") from err
+
+
+def canvas(width: float, height: float, *, title: str = "") -> Any:
+    """Empty figure of a size in inches, laid out so that nothing overlaps."""
+    require()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(title, fontsize=12)
+    return figure
+
+
+def legend_below(figure: Any, axes: Any, columns: int, *, scale: float = 1.0) -> None:
+    """Put the legend of some axes under all of the figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False, markerscale=scale
+    )
+
+
+def save(figure: Any, path: Path, *, dpi: int = 110) -> Path:
+    """Write a picture; return its path."""
+    figure.savefig(path, dpi=dpi)
+    figure.clear()
+    return shrink(path)
+
+
+def shrink(path: Path) -> Path:
+    """Give a PNG a palette, which takes a third of the bytes of true colour; return its path."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        flat = picture.convert("RGB").quantize(255, dither=Image.Dither.NONE)
+    flat.save(path, optimize=True)
+    return path

@@ -100,13 +100,12 @@ def motion_from_text(text: str, path: str, metres_per_unit: float) -> Motion:
 
 
 def frame_rate(frame_time_s: float) -> float:
-    """Rate that a rounded frame time stands for."""
-    for scale in (1.0, 1.001):
-        whole = max(round(scale / frame_time_s), 1)
-        # 0.016667 stands for 1/60 and is 2e-5 off, 0.008333 for 1/120 and 4e-5; 60 and 59.94 fps are 1e-3 apart.
-        if abs(frame_time_s * whole / scale - 1.0) <= 5e-5:
-            return whole / scale
-    return 1.0 / frame_time_s
+    """Rate that a rounded frame time stands for: the nearest whole number, or whole number / 1.001, if near enough."""
+    exact = 1.0 / frame_time_s
+    candidates = [max(round(exact * scale), 1) / scale for scale in (1.0, 1.001)]
+    nearest = min(candidates, key=lambda rate: abs(rate - exact))
+    # 0.016667 stands for 1/60 and is 2e-5 off, 0.008333 for 1/120 and 4e-5; 60 and 59.94 fps are 1e-3 apart.
+    return nearest if abs(nearest * frame_time_s - 1.0) <= 5e-5 else exact
 
 
 def _shown(text: str) -> str:

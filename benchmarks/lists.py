@@ -18,7 +18,6 @@ import numpy as np
 from verbs import library
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.refined import Refined
-from verbs.build.basis import normalised
 from verbs.conventions import F64
 from verbs.kernels import lists
 from verbs.measure.domain import random_points
@@ -52,7 +51,7 @@ def _refined(verb: Verb, most: int) -> list[tuple[int, Basis]]:
 def _uniform(verb: Verb) -> list[tuple[int, Basis]]:
     """Random centers, each with the radius that it would have got when it came; coefficients do not matter here."""
     start, rng = verb.bases["rbf"], np.random.default_rng(6)
-    places = normalised(start.chart, random_points(verb, rng, COUNTS[-1]))
+    places = start.chart.points(random_points(verb, rng, COUNTS[-1]))
     centers, radii = start.centers, start.radii
     for place in places:
         radii = np.append(radii, np.linalg.norm(centers - place, axis=1).min())
@@ -63,7 +62,7 @@ def _uniform(verb: Verb) -> list[tuple[int, Basis]]:
 
 
 def _print_row(count: int, basis: Basis, queries: F64) -> None:
-    points = normalised(basis.chart, queries)
+    points = basis.chart.points(queries)
     grid, tree = lists.grid(basis.centers, basis.radii), lists.cluster(basis.centers, basis.radii)
     middle = np.zeros(1, np.int64)  # one cell that is everywhere, and all centers in its list
     whole = lists.Grid(middle, np.full(1, -1e6), np.full(1, 1e-9), middle + 1, np.array([0, len(basis.centers)]),

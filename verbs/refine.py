@@ -17,13 +17,13 @@ from scipy.spatial import cKDTree
 
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
-from verbs.build.basis import normalised, polynomial
+from verbs.build.basis import polynomial
 from verbs.conventions import F64
 from verbs.errors import OutOfRange, RequestError, UnknownName
 from verbs.goal import Goal
 from verbs.kernels import chart as charts
 from verbs.kernels import lists
-from verbs.measure.domain import accuracy_points, inside, random_points, to_adverbs
+from verbs.measure.domain import accuracy_points, inside, random_points
 from verbs.verb import Basis, Chart, Verb
 
 __all__ = ["CHOICES", "Errors", "Mark", "PseudoExample", "Rules", "Step", "refine", "resume", "with_basis"]
@@ -235,7 +235,7 @@ class _Ground:
         correction = Corrected.of_verb(verb, basis="rbf", steps=ITERATIONS)
         span = np.ptp(goal.points(verb.values), axis=0)
         scale = correction.scale / np.linalg.norm(correction.scale * span)
-        goals, places = goal.points(adverbs), normalised(basis.chart, adverbs)
+        goals, places = goal.points(adverbs), basis.chart.points(adverbs)
         return cls(verb, rules, goal, correction, scale, adverbs, places, goals, stride)
 
     def misses(self, basis: Basis, points: F64, goals: F64) -> F64:
@@ -309,11 +309,11 @@ def _insert_worst(ground: _Ground, basis: Basis, errors: F64) -> tuple[Basis, Ps
 def _climb(ground: _Ground, basis: Basis, index: int, error: float) -> F64:
     """Adverbs (D,) of a local maximum of the error near a search point, inside the domain and off the centers."""
     best, domain, stride = ground.adverbs[index], ground.verb.domain, ground.stride
-    here, moves = normalised(domain.chart, best[None]), np.concatenate([np.eye(len(best)), -np.eye(len(best))])
+    here, moves = domain.chart.points(best[None]), np.concatenate([np.eye(len(best)), -np.eye(len(best))])
     for _ in range(10 if stride else 0):
         around = here + stride * moves
-        adverbs = to_adverbs(domain, around)
-        points = normalised(basis.chart, adverbs)
+        adverbs = domain.chart.adverbs(around)
+        points = basis.chart.points(adverbs)
         fits = inside(domain, around) & (_nearest(basis, points) >= NEAR)
         values = np.where(fits, ground.errors(basis, points, ground.goal.points(adverbs)), -1.0)
         k = int(values.argmax())
@@ -326,12 +326,11 @@ def _climb(ground: _Ground, basis: Basis, index: int, error: float) -> F64:
 
 def _drawn(ground: _Ground, basis: Basis, adverbs: F64) -> PseudoExample | None:
     """A pseudo-example for adverbs (D,); None where no weights are found that reach them."""
-    place, goal = normalised(basis.chart, adverbs[None]), ground.goal.points(adverbs[None])
+    place, goal = basis.chart.points(adverbs[None]), ground.goal.points(adverbs[None])
     if ground.rules.search != "weights":
         source, missed = _newton(ground, basis, place[0], goal[0])
         if missed <= USABLE:
-            # to_adverbs looks at the domain's chart alone, and these are coordinates of the basis's.
-            there = to_adverbs(replace(ground.verb.domain, chart=basis.chart), source[None])[0]
+            there = basis.chart.adverbs(source[None])[0]
             return PseudoExample(adverbs, there, _weights_at(basis, source[None])[0], missed)
         if ground.rules.search == "place":
             return None
@@ -373,7 +372,7 @@ def _newton(ground: _Ground, basis: Basis, place: F64, goal: F64) -> tuple[F64, 
 
 def _insert(basis: Basis, drawn: PseudoExample, rules: Rules) -> Basis | None:
     """Basis with a pseudo-example more, exact at all centers; None where its system would be nearly singular."""
-    centers = np.concatenate([basis.centers, normalised(basis.chart, drawn.place[None])])
+    centers = np.concatenate([basis.centers, basis.chart.points(drawn.place[None])])
     # What older pseudo-examples are to give is what they do give: a basis needs no memory of its targets.
     targets = np.concatenate([_weights_at(basis, basis.centers), drawn.weights[None]])
     targets[: targets.shape[1]] = np.eye(targets.shape[1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,9 +12,9 @@ import numpy as np
 from verbs.conventions import F32, F64, I64, MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES
 from verbs.errors import IllPosedVerb, UnknownName
 from verbs.kernels import chart as charts
+from verbs.kernels import coordinates, rbf
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
-from verbs.kernels import rbf
 from verbs.skeleton import Skeleton
 
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,62}")
@@ -77,6 +77,20 @@ class Chart:
         _check(self.kind == charts.IDENTITY or bool(np.all((self.axes >= 0) & (self.axes < dims))), "chart axis")
         _check(self.scale.shape == (dims,) and bool(np.all(self.scale > 0)), "a chart's scales must be positive")
         _check(self.kind != charts.CYLINDER or self.bend[3] > 0, "a cylinder's radius must be positive")
+
+    def points(self, adverbs: F64) -> F64:
+        """Normalised chart points (..., D) of adverbs (..., D)."""
+        return self._through(coordinates.normalise, adverbs)
+
+    def adverbs(self, points: F64) -> F64:
+        """Adverbs (..., D) of normalised chart points (..., D)."""
+        return self._through(coordinates.denormalise, points)
+
+    def _through(self, kernel: Callable[..., None], rows: F64) -> F64:
+        flat = np.ascontiguousarray(rows, np.float64).reshape(-1, len(self.shift))
+        out = np.empty(flat.shape)
+        kernel(flat, self.kind, self.axes, self.bend, self.shift, self.scale, out)
+        return out.reshape(rows.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

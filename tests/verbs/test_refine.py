@@ -10,7 +10,6 @@ import pytest
 from verbs import artifact, library
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.refined import Hybrid, Refined
-from verbs.build.basis import normalised
 from verbs.errors import OutOfRange, RequestError, UnknownName
 from verbs.goal import Goal
 from verbs.kernels import lists
@@ -302,5 +301,5 @@ def test_search_points_must_be_points(points):
 
 def test_places_lie_inside_the_domain():
     verb = load("reach")
-    places = normalised(verb.domain.chart, np.array([step.drawn.place for step in steps("reach", 120)[1:]]))
+    places = verb.domain.chart.points(np.array([step.drawn.place for step in steps("reach", 120)[1:]]))
     assert ((places - verb.domain.middle) @ verb.domain.facets.T).max() <= 1.0 + 1e-6

@@ -21,7 +21,6 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 from verbs.conventions import F64, I64
 from verbs.errors import IllPosedVerb, UnknownName
-from verbs.kernels import coordinates
 from verbs.kernels import simplex as kernels
 from verbs.verb import Chart, Verb
 
@@ -93,8 +92,8 @@ class Barycentric:
         """
         if simplices not in CHOICES:
             raise UnknownName("choice of simplices", simplices, CHOICES)
-        chart, points = verb.domain.chart, np.empty(verb.values.shape)
-        coordinates.normalise(verb.values, chart.kind, chart.axes, chart.bend, chart.shift, chart.scale, points)
+        chart = verb.domain.chart
+        points = chart.points(verb.values)
         authored = simplices == "authored" or (simplices == "auto" and bool(verb.provenance.get("simplices")))
         chosen = _authored(verb) if authored else _delaunay(verb, points)
         members = np.ascontiguousarray(chosen[_thickness(points[chosen]) > FLAT])
@@ -111,9 +110,7 @@ class Barycentric:
 
         The latter holds for every example that is a corner of some simplex and inside no other.
         """
-        chart, points = self.chart, np.empty(adverbs.shape)
-        out = np.empty((len(adverbs), self.examples))
-        coordinates.normalise(adverbs, chart.kind, chart.axes, chart.bend, chart.shift, chart.scale, points)
+        points, out = self.chart.points(adverbs), np.empty((len(adverbs), self.examples))
         kernels.barycentric(points, self.members, self.corners, self.inverses, self.heights, self.overlapping, out)
         return out
 

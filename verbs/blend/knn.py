@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 
 from verbs.conventions import F64, I64
 from verbs.goal import Goal
-from verbs.kernels import coordinates
 from verbs.kernels import neighbours as kernels
 from verbs.verb import Chart, Verb
 
@@ -71,27 +70,20 @@ class Knn:
             Of the random mixes.
         """
         chart, examples = verb.domain.chart, len(verb.examples)
-        points = _chart_points(chart, verb.values)
+        points = chart.points(verb.values)
         members, shares = _mixes(points, max(count - examples, 0), np.random.default_rng(seed))
         alone = np.repeat(np.arange(examples)[:, None], members.shape[1], axis=1)
         members = np.concatenate([alone, members])
         shares = np.concatenate([np.eye(1, members.shape[1]).repeat(examples, axis=0), shares])
-        places = np.concatenate([points, _chart_points(chart, _measured(verb, members[examples:], shares[examples:]))])
+        places = np.concatenate([points, chart.points(_measured(verb, members[examples:], shares[examples:]))])
         return cls(chart, examples, min(max(k, 2), len(places)), cKDTree(places), members, shares)
 
     def weights(self, adverbs: F64) -> F64:
         """Weights (B, N) at adverbs (B, D); at a pseudo-example's place its own."""
-        distances, nearest = self.tree.query(_chart_points(self.chart, adverbs), k=self.k)
+        distances, nearest = self.tree.query(self.chart.points(adverbs), k=self.k)
         out = np.empty((len(adverbs), self.examples))
         kernels.blend(np.asarray(nearest, np.int64), distances, self.members, self.shares, out)
         return out
-
-
-def _chart_points(chart: Chart, adverbs: F64) -> F64:
-    """Normalised chart coordinates (B, D) of adverbs (B, D)."""
-    out = np.empty(adverbs.shape)
-    coordinates.normalise(adverbs, chart.kind, chart.axes, chart.bend, chart.shift, chart.scale, out)
-    return out
 
 
 def _mixes(points: F64, count: int, rng: np.random.Generator) -> tuple[I64, F64]:

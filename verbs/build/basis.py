@@ -15,7 +15,7 @@ from verbs.kernels import chart as charts
 from verbs.kernels import rbf
 from verbs.verb import Basis, Chart, Domain
 
-__all__ = ["cardinal", "chart_of", "domain_of", "normalised"]
+__all__ = ["cardinal", "chart_of", "domain_of"]
 
 HULL_DIMENSIONS = 6
 """Above this a convex hull has too many facets to be of use; the domain is the bounding box instead."""
@@ -43,7 +43,7 @@ def chart_of(
     where = _FREE_AXES if axes is None else np.asarray(axes, np.int64)
     turn = np.zeros(4) if bend is None else bend
     plain = Chart(kind, where, turn, np.zeros(dims), np.ones(dims))
-    bent = normalised(plain, values)
+    bent = plain.points(values)
     low, high = bent.min(axis=0), bent.max(axis=0)
     span = high - low
     if len(set(units)) == 1:
@@ -51,17 +51,9 @@ def chart_of(
     return Chart(kind, where, turn, 0.5 * (low + high), 1.0 / np.where(span > 0, span, 1.0))
 
 
-def normalised(chart: Chart, adverbs: F64) -> F64:
-    """Normalised chart coordinates (B, D) of adverbs (B, D)."""
-    out = np.empty(adverbs.shape)
-    for b, row in enumerate(np.ascontiguousarray(adverbs, np.float64)):
-        charts.to_chart(chart.kind, chart.axes, chart.bend, row, out[b])
-    return np.asarray((out - chart.shift) * chart.scale)
-
-
 def domain_of(chart: Chart, values: F64) -> Domain:
     """Convex hull of the examples in a chart, ready for the smooth clamp."""
-    points = normalised(chart, values)
+    points = chart.points(values)
     dims = points.shape[1]
     if dims == 1 or dims > HULL_DIMENSIONS:
         low, high = points.min(axis=0), points.max(axis=0)
@@ -108,7 +100,7 @@ def cardinal(
     IllPosedVerb
         If two examples have the same adverbs, or the system cannot be solved; names the examples.
     """
-    points = normalised(chart, values)
+    points = chart.points(values)
     count = len(points)
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
     nearest = np.where(np.eye(count, dtype=bool), np.inf, distances)
@@ -149,7 +141,7 @@ def smooth(chart: Chart, values: F64, *, share: float = SMOOTH_SHARE, names: tup
     IllPosedVerb
         If the system cannot be solved.
     """
-    points = normalised(chart, values)
+    points = chart.points(values)
     count = len(points)
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
     nearest = np.where(np.eye(count, dtype=bool), np.inf, distances).min(axis=1)

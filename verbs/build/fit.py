@@ -256,7 +256,7 @@ def _draft(
 
 
 def _check_duplicates(chart: Chart, values: F64, names: tuple[str, ...]) -> None:
-    points = basis.normalised(chart, values)
+    points = chart.points(values)
     for first in range(len(points)):
         for second in range(first + 1, len(points)):
             if np.linalg.norm(points[first] - points[second]) < NEAR_DUPLICATE:
@@ -268,7 +268,7 @@ def _check_duplicates(chart: Chart, values: F64, names: tuple[str, ...]) -> None
 
 def _check_spread(chart: Chart, values: F64, adverbs: tuple[str, ...]) -> None:
     """Refuse examples that do not span the adverb space, naming what they fail to vary."""
-    points = basis.normalised(chart, values)
+    points = chart.points(values)
     centred = points - points.mean(axis=0)
     _, sizes, directions = np.linalg.svd(centred, full_matrices=True)
     rank = int(np.sum(sizes > 1e-6 * max(sizes[0], 1e-12)))

@@ -56,27 +56,9 @@ def inside(domain: Domain, points: F64, *, gauge: float = 1.0) -> npt.NDArray[np
     return np.asarray(((points - domain.middle) @ domain.facets.T).max(axis=-1) <= gauge + EDGE)
 
 
-def to_adverbs(domain: Domain, points: F64) -> F64:
-    """Adverbs (..., D) of normalised chart points (..., D)."""
-    chart, flat = domain.chart, points.reshape(-1, points.shape[-1])
-    bent = flat / chart.scale + chart.shift
-    out = np.empty(bent.shape)
-    for b, row in enumerate(bent):
-        charts.from_chart(chart.kind, chart.axes, chart.bend, row, out[b])
-    return out.reshape(points.shape)
-
-
-def to_points(domain: Domain, adverbs: F64) -> F64:
-    """Normalised chart points (B, D) of adverbs (B, D)."""
-    chart, points = domain.chart, np.empty(adverbs.shape)
-    for b, row in enumerate(np.ascontiguousarray(adverbs)):
-        charts.to_chart(chart.kind, chart.axes, chart.bend, row, points[b])
-    return np.asarray((points - chart.shift) * chart.scale)
-
-
 def bounds(verb: Verb) -> tuple[F64, F64]:
     """Bounding box of the examples in normalised chart coordinates."""
-    points = to_points(verb.domain, verb.values)
+    points = verb.domain.chart.points(verb.values)
     return points.min(axis=0), points.max(axis=0)
 
 
@@ -107,8 +89,8 @@ def random_points(verb: Verb, rng: np.random.Generator, count: int, *, gauge: tu
     if found < count:
         corners = (np.array([verb.values[:, a] for a in range(len(low))]).T,)
         mixes = rng.dirichlet(np.full(len(verb.examples), 0.3), count - found)
-        return np.concatenate([to_adverbs(domain, np.concatenate(kept)), mixes @ corners[0]])[:count]
-    return to_adverbs(domain, np.concatenate(kept)[:count])
+        return np.concatenate([domain.chart.adverbs(np.concatenate(kept)), mixes @ corners[0]])[:count]
+    return domain.chart.adverbs(np.concatenate(kept)[:count])
 
 
 def accuracy_points(verb: Verb, *, count: int = 3_000, seed: int = 1) -> Points:
@@ -121,7 +103,7 @@ def accuracy_points(verb: Verb, *, count: int = 3_000, seed: int = 1) -> Points:
     axes = [np.linspace(low[a], high[a], 41) for a in range(dims)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dims)
     nodes = nodes[inside(verb.domain, nodes, gauge=GRID_EDGE)]
-    return Points(to_adverbs(verb.domain, nodes), f"{'×'.join(['41'] * dims)} grid over the {describe(verb)}")
+    return Points(verb.domain.chart.adverbs(nodes), f"{'×'.join(['41'] * dims)} grid over the {describe(verb)}")
 
 
 def slices(verb: Verb, nodes: int = 61) -> list[Slice]:
@@ -151,4 +133,4 @@ def plane(verb: Verb, axes: tuple[int, int], fractions: list[float], nodes: int)
     names = [verb.adverbs[a].name for a in axes]
     held = [f"{verb.adverbs[a].name} at {fractions[a]:.0%}" for a in range(len(low)) if a not in axes]
     text = " × ".join(dict.fromkeys(names)) + (f", {', '.join(held)}" if held else "")
-    return Slice(to_adverbs(verb.domain, points), inside(verb.domain, points), text, axes)
+    return Slice(verb.domain.chart.adverbs(points), inside(verb.domain, points), text, axes)

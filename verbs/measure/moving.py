@@ -13,7 +13,7 @@ from verbs.conventions import F64
 from verbs.errors import RequestError
 from verbs.evaluate import Evaluator
 from verbs.kernels import measure as measures
-from verbs.measure.domain import inside, random_points, to_points
+from verbs.measure.domain import inside, random_points
 
 __all__ = ["Follow", "circles", "follow"]
 
@@ -66,7 +66,7 @@ def circles(
     for centre in random_points(verb, rng, 4_000):
         first, second = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
         path = centre + radius_m * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
-        if inside(verb.domain, to_points(verb.domain, path)).all():
+        if inside(verb.domain, verb.domain.chart.points(path)).all():
             kept.append(path)
         if len(kept) == count:
             return np.array(kept)

@@ -11,7 +11,7 @@ import numpy as np
 
 from verbs.conventions import F64
 from verbs.evaluate import Evaluator
-from verbs.measure.domain import Slice, bounds, inside, slices, to_adverbs, to_points
+from verbs.measure.domain import Slice, bounds, inside, slices
 
 __all__ = ["curvature", "slice_curvature", "smoothness", "zoom_ratios"]
 
@@ -72,7 +72,7 @@ def zoom_ratios(evaluator: Evaluator, method: str, *, nodes: int = 61, halvings:
             sides = np.zeros((2, len(low)))
             for side, axis in enumerate(one.axes):
                 sides[side, axis] = (high[axis] - low[axis]) / (nodes - 1)
-            point = to_points(verb.domain, one.adverbs[node][None])[0]
+            point = verb.domain.chart.points(one.adverbs[node][None])[0]
             best = (float(np.nanmax(values)), point, sides)
     top, centre, sides = best
     ratios = []
@@ -80,7 +80,7 @@ def zoom_ratios(evaluator: Evaluator, method: str, *, nodes: int = 61, halvings:
         sides = 0.5 * sides
         steps = np.arange(-6, 7)
         grid = centre + steps[:, None, None] * sides[0] + steps[None, :, None] * sides[1]
-        weights = evaluator.blend(to_adverbs(verb.domain, grid).reshape(-1, len(low)), method=method).weights
+        weights = evaluator.blend(verb.domain.chart.adverbs(grid).reshape(-1, len(low)), method=method).weights
         values = curvature(weights.reshape(13, 13, -1), inside(verb.domain, grid))
         node = np.unravel_index(np.nanargmax(values), values.shape)
         ratios.append(top / float(values[node]))

@@ -9,7 +9,6 @@ from scipy.spatial import ConvexHull
 from tests.verbs.blend.places import grid, permuted, verb_at
 from verbs import library
 from verbs.blend.barycentric import Barycentric
-from verbs.build.basis import normalised
 from verbs.errors import IllPosedVerb, UnknownName
 from verbs.evaluate import Evaluator
 from verbs.measure.domain import accuracy_points, random_points
@@ -56,9 +55,9 @@ def test_outside_the_hull_the_nearest_point_of_it_counts(verb):
     places, method = anywhere(verb, 60), Barycentric.of_verb(verb)
     reached = method.weights(places) @ verb.values
     chart = verb.domain.chart
-    points, asked = normalised(chart, verb.values), normalised(chart, places)
+    points, asked = chart.points(verb.values), chart.points(places)
     wanted = np.array([nearest_in_hull(points, place) for place in asked])
-    np.testing.assert_allclose(normalised(chart, reached), wanted, atol=1e-6)
+    np.testing.assert_allclose(chart.points(reached), wanted, atol=1e-6)
 
 
 def test_neighbouring_places_have_neighbouring_weights(verb):
@@ -158,7 +157,7 @@ def test_errors_say_what_is_wrong():
 def test_builtin_verbs_are_covered(name):
     verb = library.load(name)
     method = Barycentric.of_verb(verb)
-    hull = ConvexHull(normalised(verb.domain.chart, verb.values)).volume
+    hull = ConvexHull(verb.domain.chart.points(verb.values)).volume
     volumes = np.abs(np.linalg.det(method.corners[:, 1:] - method.corners[:, :1])) / (2 if name == "arm3" else 6)
     assert volumes.sum() == pytest.approx(hull, rel=1e-6)
 

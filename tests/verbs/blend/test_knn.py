@@ -6,7 +6,6 @@ import pytest
 from tests.verbs.blend.places import verb_at
 from verbs import library
 from verbs.blend.knn import Knn
-from verbs.build.basis import normalised
 from verbs.evaluate import Evaluator
 from verbs.measure.domain import accuracy_points
 from verbs.measure.smoothness import slice_curvature, slices
@@ -44,7 +43,7 @@ def test_pseudo_examples_stand_where_their_blends_reach(reach, method):
     mixes = np.zeros((len(method.members), len(reach.examples)))
     np.add.at(mixes, (np.arange(len(mixes))[:, None], method.members), method.shares)
     reached = goal.reached(mixes)
-    np.testing.assert_allclose(normalised(reach.domain.chart, reached), method.tree.data, atol=1e-9)
+    np.testing.assert_allclose(reach.domain.chart.points(reached), method.tree.data, atol=1e-9)
     np.testing.assert_allclose(goal.reached(method.weights(reached)), reached, atol=1e-9)
 
 
@@ -52,13 +51,13 @@ def test_unmeasured_pseudo_examples_stand_at_the_mean_of_values():
     values = np.random.default_rng(0).uniform(size=(15, 2))
     method = Knn.of_verb(verb_at(values), count=500)
     means = np.einsum("pm,pmd->pd", method.shares, values[method.members])
-    np.testing.assert_allclose(method.tree.data, normalised(method.chart, means), atol=1e-12)
+    np.testing.assert_allclose(method.tree.data, method.chart.points(means), atol=1e-12)
 
 
 def test_the_paper_s_weights_of_neighbours(reach, method):
     """1/d − 1/d_k over the six nearest, normalised: by the formula, one query at a time."""
     points = accuracy_points(reach, count=20).adverbs
-    for point, weights in zip(normalised(reach.domain.chart, points), method.weights(points), strict=True):
+    for point, weights in zip(reach.domain.chart.points(points), method.weights(points), strict=True):
         distances = np.linalg.norm(method.tree.data - point, axis=1)
         near = np.argsort(distances)[:6]
         shares = 1 / distances[near] - 1 / distances[near[-1]]

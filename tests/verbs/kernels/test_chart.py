@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from verbs.build.basis import chart_of, domain_of, normalised
+from verbs.build.basis import chart_of, domain_of
 from verbs.kernels import chart
 
 AXES = np.array([0, 1, 2])
@@ -44,8 +44,8 @@ def domain():
 
 def test_the_clamp_leaves_the_hull_alone(domain):
     hull, values = domain
-    mixes = np.random.default_rng(2).dirichlet(np.full(30, 0.2), 500) @ normalised(hull.chart, values)
-    for point in (*mixes, *normalised(hull.chart, values)):
+    mixes = np.random.default_rng(2).dirichlet(np.full(30, 0.2), 500) @ hull.chart.points(values)
+    for point in (*mixes, *hull.chart.points(values)):
         moved = point.copy()
         assert not chart.clamp(moved, hull.facets, hull.middle, hull.sharpness)
         np.testing.assert_array_equal(moved, point)

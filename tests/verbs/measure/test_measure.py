@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from verbs import library
-from verbs.build.basis import normalised
 from verbs.evaluate import Evaluator
 from verbs.measure.domain import accuracy_points, inside, random_points, slices
 from verbs.measure.report import measure
@@ -49,9 +48,9 @@ def test_smoothness_of_a_smooth_method_falls_with_the_square_of_the_spacing():
 def test_random_points_lie_in_the_hull_and_outside_it_where_asked(mocap, verb_of):
     domain = verb_of("punch").domain
     rng = np.random.default_rng(1)
-    within = normalised(domain.chart, random_points(verb_of("punch"), rng, 500))
+    within = domain.chart.points(random_points(verb_of("punch"), rng, 500))
     assert inside(domain, within).all()
-    around = normalised(domain.chart, random_points(verb_of("punch"), rng, 500, gauge=(1.0, 1.1)))
+    around = domain.chart.points(random_points(verb_of("punch"), rng, 500, gauge=(1.0, 1.1)))
     assert not inside(domain, around).any()
     assert inside(domain, around, gauge=1.1).all()
 

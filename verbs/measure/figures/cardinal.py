@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from verbs.build.basis import cardinal, chart_of, normalised, polynomial
+from verbs.build.basis import cardinal, chart_of, polynomial
 from verbs.conventions import F64
 from verbs.kernels import rbf
 from verbs.measure.figures import board
@@ -24,7 +24,7 @@ _STYLES = ("-", "--", "-.")
 
 def parts(basis: Basis, adverbs: F64) -> tuple[F64, F64]:
     """Linear parts (B, N), and radial parts (B, C, N) of each example's basis by center, at adverbs (B, 1)."""
-    points = normalised(basis.chart, adverbs)
+    points = basis.chart.points(adverbs)
     apart = np.linalg.norm(points[:, None] - basis.centers[None], axis=-1) / basis.radii
     bumps = np.array([[rbf.phi(basis.kernel, distance) for distance in row] for row in apart])
     return polynomial(points, basis.degree) @ basis.poly, bumps[:, :, None] * basis.radial[None]

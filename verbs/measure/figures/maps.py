@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from verbs.conventions import F64
 from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
-from verbs.measure.domain import bounds, to_adverbs, to_points
+from verbs.measure.domain import bounds
 from verbs.measure.figures import board
 from verbs.measure.figures.study import Study
 from verbs.verb import Verb
@@ -41,7 +41,7 @@ def draw_domains(path: Path, verbs: list[Verb]) -> Path:
 
 def _flat(axes: Any, verb: Verb) -> None:
     first, second = verb.adverbs
-    corners = verb.values[ConvexHull(to_points(verb.domain, verb.values)).vertices]
+    corners = verb.values[ConvexHull(verb.domain.chart.points(verb.values)).vertices]
     axes.fill(*corners.T, color=board.COLOURS["knn"], alpha=0.3)
     axes.plot(*verb.values.T, "o", color=board.COLOURS["rbf"])
     axes.set(xlabel=f"{first.name} ({first.unit})", ylabel=f"{second.name} ({second.unit})")
@@ -53,7 +53,7 @@ def _solid(axes: Any, verb: Verb) -> None:
 
     place = verb.measure.kind == measures.POSITION
     order, names = [0, 2, 1] if place else [0, 1, 2], _names(verb)
-    points = to_points(verb.domain, verb.values)
+    points = verb.domain.chart.points(verb.values)
     triangles = points[ConvexHull(points).simplices]
     faces = _shown(verb, _pieces(triangles))[..., order]
     edges = _shown(verb, _edges(triangles))[..., order]
@@ -74,7 +74,7 @@ def _solid(axes: Any, verb: Verb) -> None:
 def _shown(verb: Verb, points: F64) -> F64:
     """Adverbs (..., 3) of normalised chart points (..., 3); of a jump its chart, in which directions do not wrap."""
     chart = verb.domain.chart
-    return points / chart.scale + chart.shift if chart.kind == charts.PLANAR else to_adverbs(verb.domain, points)
+    return points / chart.scale + chart.shift if chart.kind == charts.PLANAR else verb.domain.chart.adverbs(points)
 
 
 def _names(verb: Verb) -> list[str]:

@@ -10,7 +10,7 @@ from verbs.conventions import F64
 from verbs.evaluate import Evaluator
 from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
-from verbs.measure.domain import plane, to_points
+from verbs.measure.domain import plane
 from verbs.measure.draw import VIEWS, draw_poses, points
 from verbs.measure.figures import board
 from verbs.measure.figures.study import Progress
@@ -78,7 +78,7 @@ def _line(verb: Verb, axis: int) -> F64:
 def _words(verb: Verb, axis: int, rows: F64) -> list[str]:
     """Under each pose of a row, where it is on the chart axis that the row runs along."""
     chart, adverb = verb.domain.chart, verb.adverbs[axis]
-    places = (to_points(verb.domain, rows) / chart.scale + chart.shift)[:, axis]
+    places = (verb.domain.chart.points(rows) / chart.scale + chart.shift)[:, axis]
     bent = (chart.kind, int(np.flatnonzero(chart.axes == axis)[0])) if axis in chart.axes else (charts.IDENTITY, 0)
     name, unit = _BENT.get(bent, (adverb.name.split("_")[0], " " + adverb.unit))
     if unit == "°":

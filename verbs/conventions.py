@@ -9,10 +9,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 Floats = npt.NDArray[np.floating[Any]]
 F32 = npt.NDArray[np.float32]
@@ -29,3 +33,17 @@ MAX_KEYS = 8_192
 """Canonical samples of one verb: 8,192 keys are 2 minutes at 60 Hz."""
 
 METRES_PER_UNIT = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+
+
+def freeze(instance: DataclassInstance) -> None:
+    """Make every array field of a frozen dataclass a read-only, C-contiguous view.
+
+    What is built and what is mapped from a file are then the same kind of arrays. Kernels are compiled per kind, and
+    two compilations may differ in the last bit: one kind gives the same bits for both, and is compiled once.
+    """
+    for entry in fields(instance):
+        value = getattr(instance, entry.name)
+        if isinstance(value, np.ndarray):
+            view = np.ascontiguousarray(value).view()
+            view.flags.writeable = False
+            object.__setattr__(instance, entry.name, view)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from verbs.conventions import F64, I64, MAX_JOINTS
+from verbs.conventions import F64, I64, MAX_JOINTS, freeze
 from verbs.errors import SkeletonMismatch, UnknownName
 
 _NO_TIPS = np.zeros(0, np.int64)
@@ -42,6 +42,7 @@ class Skeleton:
     tip_offsets: F64 = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
+        freeze(self)
         count = len(self.names)
         if not 1 <= count <= MAX_JOINTS:
             raise SkeletonMismatch(f"a skeleton has 1 to {MAX_JOINTS} joints, not {count}")

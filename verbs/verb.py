@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from verbs.conventions import F32, F64, I64, MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES
+from verbs.conventions import F32, F64, I64, MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, freeze
 from verbs.errors import IllPosedVerb, UnknownName
 from verbs.kernels import chart as charts
 from verbs.kernels import coordinates, rbf
@@ -71,6 +71,7 @@ class Chart:
     scale: F64
 
     def __post_init__(self) -> None:
+        freeze(self)
         dims = len(self.shift)
         _check(self.kind in charts.CHARTS.values(), f"chart number {self.kind} does not exist")
         _check(self.axes.shape == (3,) and self.bend.shape == (4,), "a chart has 3 axes and 4 bend numbers")
@@ -113,6 +114,7 @@ class Domain:
     sharpness: float
 
     def __post_init__(self) -> None:
+        freeze(self)
         dims = len(self.chart.shift)
         _check(self.middle.shape == (dims,), "the domain's middle has the wrong length")
         _check(self.facets.ndim == 2 and self.facets.shape[1] == dims, "the domain's facets have the wrong shape")
@@ -148,6 +150,7 @@ class Basis:
     condition: float
 
     def __post_init__(self) -> None:
+        freeze(self)
         count, dims = self.centers.shape
         length = {0: 1, 1: dims + 1, 2: 1 + dims + dims * (dims + 1) // 2}.get(self.degree, -1)
         _check(self.kernel in rbf.KERNELS.values(), f"radial function number {self.kernel} does not exist")
@@ -182,6 +185,9 @@ class Measure:
     axes: I64
     origin: F64
     frame: F64
+
+    def __post_init__(self) -> None:
+        freeze(self)
 
     @property
     def unit(self) -> str:
@@ -247,6 +253,7 @@ class Verb:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        freeze(self)
         count, dims, joints, marks = (
             len(self.examples),
             len(self.adverbs),

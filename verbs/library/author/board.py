@@ -10,22 +10,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from verbs.conventions import F64
+from verbs.kernels import quat
 from verbs.library.author import reach, solver
 from verbs.library.author.figure import Figure
+from verbs.library.author.humanoid import BALANCE_POINT, humanoid
 from verbs.library.author.source import Adverb, Example, Source
 
-__all__ = ["AXES", "ORIGIN_M", "manner", "source", "targets"]
+__all__ = ["AXES", "ORIGIN_M", "arc", "manner", "source", "targets"]
 
 _DECIMALS = 5
 
 # The wrist stays a hand's length before the board, on a sheet parallel to it that leans back at the top.
-ORIGIN_M = (-0.12, 1.28, 0.43)
+ORIGIN_M = (-0.12, 1.33, 0.42)
 """Middle of the sheet of wrist positions: breast-high, a little to the drawing hand's side."""
 AXES = ((1.0, 0.0, 0.0), (0.0, 0.984, 0.178))
 """Unit vectors along u (to the writer's left) and v (up along the board, which leans back by 10 degrees)."""
 
 _COLUMNS_M = {"left": 0.50, "half_left": 0.25, "middle": 0.0, "half_right": -0.25, "right": -0.50}
-_ROWS_M = {"low": -0.40, "level": 0.0, "high": 0.40}
+_ROWS_M = {"low": -0.38, "level": 0.0, "high": 0.38}
+_DETOUR_M = (0.0, 0.06, -0.04)  # the hand rises near the body, not through the board
+_FADE = 0.5  # how the detour grows from none at the right edge to all at the left
+_STOOP_M = 1.05  # below this the knees soften
 _FINGERS = np.array([-1.0, 0.0, 0.0])
 
 
@@ -54,7 +59,10 @@ def source(names: Sequence[str] | None = None) -> Source:
             Adverb(name, "m", f"how far {way} on the board the right wrist (RightHand) is while it draws (keytime 1)")
             for name, way in (("u", "to the writer's left of the middle"), ("v", "above the middle"))
         ),
-        examples=(Example(name, *reach.motion(places[name], manner)) for name in names or places),
+        examples=(
+            Example(name, *reach.motion(at, manner, arc(humanoid(), at)))
+            for name, at in ((name, places[name]) for name in names or places)
+        ),
         decimals=_DECIMALS,
     )
 
@@ -70,8 +78,31 @@ def targets() -> dict[str, F64]:
 
 
 def manner(figure: Figure, goal: F64, target: F64, share: float) -> list[solver.Term]:
-    """Soft terms of drawing: those of a reach, and fingers that point at the board and a little up."""
-    hand = figure.skeleton.index("RightHand")
-    into = np.cross(*AXES) + 0.35 * np.array(AXES[1])
-    terms = reach.manner(figure, goal, target, share)
-    return [*terms, solver.keep_direction(hand, _FINGERS, into / np.linalg.norm(into), 1.2 * share)]
+    """Soft terms of drawing: upright, knees a little soft below, eyes on the hand, fingers on the board."""
+    hand, head, left = (figure.skeleton.index(name) for name in ("RightHand", "Head", "LeftArm"))
+    into = np.cross(*AXES) + 0.25 * np.array(AXES[1])
+    hang = quat.rotate(figure.forward(figure.rest)[0][left], -_FINGERS)
+    stoop = 0.12 * np.logaddexp(0.0, (_STOOP_M - goal[1]) / 0.12)
+    return [
+        solver.posture(figure),
+        solver.limits(figure),
+        solver.balance(figure, BALANCE_POINT, 16.0),
+        solver.height(0, figure.rest.root[1] - 0.25 * stoop, 14.0),
+        solver.aim(head, np.array([0.0, 0.0, 1.0]), target, 1.1 * share),
+        solver.keep_direction(left, -_FINGERS, hang, 1.2),
+        solver.keep_direction(hand, _FINGERS, into / np.linalg.norm(into), 1.8 * share),
+    ]
+
+
+def arc(figure: Figure, target: F64) -> F64:
+    """Extra rotation vectors (J, 3) half-way to a target (3,), which lead the arm by a place near the body.
+
+    The farther to the right, the less of it: there a straight swing keeps off the board by itself.
+    """
+    arm = figure.joints("RightShoulder", "RightArm", "RightForeArm", "RightHand")
+    hanging = figure.forward(figure.rest)[1][arm[-1]]
+    by = reach.apex(figure, 0.5 * (hanging + target) + _DETOUR_M, manner)
+    extra = np.zeros((len(figure.skeleton), 3))
+    extra[arm] = (solver.vectors(figure, by) - 0.5 * solver.vectors(figure, reach.apex(figure, target, manner)))[arm]
+    share = (target[0] - ORIGIN_M[0] - min(_COLUMNS_M.values())) / float(np.ptp(list(_COLUMNS_M.values())))
+    return np.asarray(extra * max(0.0, share) ** _FADE)

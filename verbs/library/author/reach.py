@@ -148,7 +148,7 @@ def _stoop(goal: F64) -> float:
     return float(0.12 * np.logaddexp(0.0, (_TABLE_M - goal[1]) / 0.12))
 
 
-def motion(target: Floats, how: Manner | None = None) -> tuple[Motion, F64]:
+def motion(target: Floats, how: Manner | None = None, arc: F64 | None = None) -> tuple[Motion, F64]:
     """Author one reach.
 
     Parameters
@@ -157,6 +157,9 @@ def motion(target: Floats, how: Manner | None = None) -> tuple[Motion, F64]:
         Where the right wrist goes, metres.
     how : Manner, optional
         :func:`manner` unless given.
+    arc : (J, 3) float64, optional
+        Extra rotation vectors half-way out and back, spread over the whole way; unless given, the elbow folds and
+        the hand trails for a while.
 
     Returns
     -------
@@ -169,7 +172,10 @@ def motion(target: Floats, how: Manner | None = None) -> tuple[Motion, F64]:
     values = apex(figure, target, how)
     out, back = _frame_counts(figure, np.asarray(target))
     phases = np.concatenate([np.arange(out) / out, 1.0 + np.arange(back + 1) / back])
-    root, rotations = _in_between(figure, values, phases)
+    progress = _progress(figure, phases)
+    # Parabolas have slopes at their ends, but progress has none: joints start and stop without a jerk all the same.
+    extra = _arc(figure, values, progress) if arc is None else (4.0 * progress * (1.0 - progress))[..., None] * arc
+    root, rotations = _in_between(figure, values, progress, extra)
     turns, positions = figure.forward(figure.rest)
     for side in ("Left", "Right"):
         foot = figure.skeleton.index(side + "Foot")
@@ -187,11 +193,9 @@ def _frame_counts(figure: Figure, target: F64) -> tuple[int, int]:
     return round(out * FPS), round(1.06 * out * FPS)
 
 
-def _in_between(figure: Figure, values: F64, phases: F64) -> tuple[F64, F64]:
+def _in_between(figure: Figure, values: F64, progress: F64, extra: F64) -> tuple[F64, F64]:
     """Root (F, 3) and rotations (F, J, 4) on the way: every joint at its own pace, the wrist on an arc."""
-    progress = _progress(figure, phases)
-    turned = progress[..., None] * solver.vectors(figure, values)
-    turned = turned + _arc(figure, values, progress)
+    turned = progress[..., None] * solver.vectors(figure, values) + extra
     rotations = quat.mul(figure.rest.rotations, quat.exp(turned))
     root = figure.rest.root + progress[:, :1] * values[:3]
     return root, rotations

@@ -9,6 +9,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import isnan
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -227,6 +228,7 @@ def measure_command(
     verb: VerbArgument,
     method: Annotated[str, typer.Option("--method", help=f"all, or one of {', '.join(METHODS)}.")] = "all",
     grid: Annotated[int, typer.Option(min=5, max=401, help="Nodes to a side of the smoothness slices.")] = 61,
+    feet: Annotated[bool, typer.Option("--feet", help="Also measure how far feet slide while they stand.")] = False,
     as_json: Json = False,
 ) -> None:
     """Measure parametric error, smoothness and time of one method, or of all.
@@ -239,7 +241,7 @@ def measure_command(
         rows: list[Figures] = []
         for k, name in enumerate(chosen):
             say("measuring", k, len(chosen))
-            rows.append(measure(loaded, name, nodes=grid))
+            rows.append(measure(loaded, name, nodes=grid, slide=feet))
         say("measuring", len(chosen), len(chosen))
     if as_json:
         found: dict[str, Any] = {"verb": loaded.name, "methods": {row.method: row.as_dict() for row in rows}}
@@ -248,6 +250,8 @@ def measure_command(
         _print_json(found)
         return
     out.print(_measure_table(loaded, rows))
+    if feet:
+        out.print(_slide_table(loaded, rows))
     if len(rows) > 1:
         out.print(recommend(rows))
 
@@ -280,6 +284,15 @@ def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
             f"{row.weight_sum_max:.2f}",
             f"{row.query_us:.2f}",
         )
+    return table
+
+
+def _slide_table(verb: Verb, rows: list[Figures]) -> Table:
+    """Millimetres; – where the skeleton has no toes."""
+    table = Table("method", "median", "p90", "max", title=f"{verb.name}, foot slide, mm", title_justify="left")
+    for row in rows:
+        numbers = (row.slide_median_m, row.slide_p90_m, row.slide_max_m)
+        table.add_row(row.method, *("–" if isnan(value) else f"{1000 * value:.1f}" for value in numbers))
     return table
 
 

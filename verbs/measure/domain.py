@@ -11,7 +11,7 @@ from verbs.conventions import F64
 from verbs.kernels import chart as charts
 from verbs.verb import Domain, Verb
 
-__all__ = ["Points", "Slice", "accuracy_points", "inside", "random_points", "slices"]
+__all__ = ["Points", "Slice", "accuracy_points", "axis_names", "inside", "random_points", "slices"]
 
 EDGE = 1e-9
 """Slack of the hull test, so that nodes on its surface count as inside."""
@@ -20,6 +20,9 @@ GRID_EDGE = 1.001
 """Grids take in nodes up to 0.1 % outside the hull: examples on a straight edge are rounded, nodes are not."""
 
 _NAMES = {number: name for name, number in charts.CHARTS.items()}
+
+_BENT = {charts.CYLINDER: ("angle", "height", "radius"), charts.PLANAR: ("left", "forward")}
+"""Axes of bent charts: about, along and off a vertical axis; a jump over the ground."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +109,14 @@ def accuracy_points(verb: Verb, *, count: int = 3_000, seed: int = 1) -> Points:
     return Points(verb.domain.chart.adverbs(nodes), f"{'×'.join(['41'] * dims)} grid over the {describe(verb)}")
 
 
+def axis_names(verb: Verb) -> list[str]:
+    """What the axes of the domain's chart are, in the order of the adverbs: the adverbs' names where nothing bends."""
+    chart, names = verb.domain.chart, [adverb.name for adverb in verb.adverbs]
+    for axis, name in zip(chart.axes, _BENT.get(chart.kind, ()), strict=False):
+        names[axis] = name
+    return names
+
+
 def slices(verb: Verb, nodes: int = 61) -> list[Slice]:
     """Planes through the chart's bounding box on which smoothness is measured, ``nodes`` to a side.
 
@@ -130,7 +141,8 @@ def plane(verb: Verb, axes: tuple[int, int], fractions: list[float], nodes: int)
     points[..., axes[0]] = np.linspace(low[axes[0]], high[axes[0]], nodes)[:, None]
     if axes[0] != axes[1]:
         points[..., axes[1]] = np.linspace(low[axes[1]], high[axes[1]], nodes)[None]
-    names = [verb.adverbs[a].name for a in axes]
-    held = [f"{verb.adverbs[a].name} at {fractions[a]:.0%}" for a in range(len(low)) if a not in axes]
+    words = axis_names(verb)
+    names = [words[a] for a in axes]
+    held = [f"{words[a]} at {fractions[a]:.0%}" for a in range(len(low)) if a not in axes]
     text = " × ".join(dict.fromkeys(names)) + (f", {', '.join(held)}" if held else "")
     return Slice(verb.domain.chart.adverbs(points), inside(verb.domain, points), text, axes)

@@ -12,6 +12,7 @@ from verbs.blend import methods
 from verbs.build import basis
 from verbs.conventions import F64
 from verbs.evaluate import Evaluator
+from verbs.measure import feet
 from verbs.measure.domain import Points, accuracy_points, random_points
 from verbs.measure.smoothness import smoothness, zoom_ratios
 from verbs.verb import Verb
@@ -29,7 +30,8 @@ class Figures:
     space of goals; ``error_outside`` is taken between the hull and the hull grown by a tenth. κ is dimensionless and
     belongs to its grid; ``zoom_ratio`` is the least ratio of its last two halvings around its maximum: 4 where weights
     are twice differentiable, 2 at kinks, 1 at jumps. ``precompute_s`` counts from the examples; ``query_us`` is the
-    least of several runs.
+    least of several runs. Slides of feet are those of :mod:`verbs.measure.feet`; NaN where they were not asked for, or
+    there are no toes.
     """
 
     method: str
@@ -48,6 +50,9 @@ class Figures:
     samples: int
     domain: str
     grid: str
+    slide_median_m: float = float("nan")
+    slide_p90_m: float = float("nan")
+    slide_max_m: float = float("nan")
 
     def as_dict(self) -> dict[str, str | int | float | None]:
         """JSON values; a figure that does not exist is null."""
@@ -62,7 +67,15 @@ def diagonal(verb: Verb) -> float:
     return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
 
 
-def measure(verb: Verb, method: str, *, nodes: int = 61, points: Points | None = None, zoom: bool = True) -> Figures:
+def measure(
+    verb: Verb,
+    method: str,
+    *,
+    nodes: int = 61,
+    points: Points | None = None,
+    zoom: bool = True,
+    slide: bool = False,
+) -> Figures:
     """Measure a method on a verb.
 
     Parameters
@@ -75,11 +88,13 @@ def measure(verb: Verb, method: str, *, nodes: int = 61, points: Points | None =
         Where to measure the error; by default :func:`accuracy_points`.
     zoom : bool
         Whether to measure ``zoom_ratio``, which takes as long as all the rest.
+    slide : bool
+        Whether to measure how far feet slide.
     """
     where, evaluator = points or accuracy_points(verb), Evaluator(verb)
     blend = evaluator.blend(where.adverbs, method=method)
     mean, top, grid = smoothness(evaluator, method, nodes=nodes)
-    size = diagonal(verb)
+    size, slides = diagonal(verb), _slides(evaluator, method) if slide else feet.NONE
     error_mean, error_max = _mean_and_max(evaluator, blend.error)
     around = random_points(verb, np.random.default_rng(OUTSIDE_SEED), len(where.adverbs), gauge=(1.0, 1.1))
     outside = _mean_and_max(evaluator, evaluator.blend(around, method=method).error)
@@ -100,7 +115,16 @@ def measure(verb: Verb, method: str, *, nodes: int = 61, points: Points | None =
         samples=len(where.adverbs),
         domain=where.text,
         grid=grid,
+        slide_median_m=slides.median_m,
+        slide_p90_m=slides.p90_m,
+        slide_max_m=slides.max_m,
     )
+
+
+def _slides(evaluator: Evaluator, method: str) -> feet.Slides:
+    """Slides of feet by a method; none where there are no toes."""
+    found = feet.contacts(evaluator)
+    return feet.NONE if found is None else feet.slides(evaluator, found, feet.goals(evaluator.verb), method=method)
 
 
 def _mean_and_max(evaluator: Evaluator, error: F64) -> tuple[float, float]:

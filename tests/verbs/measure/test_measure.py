@@ -64,4 +64,4 @@ def test_samples_are_the_same_every_time(mocap, verb_of):
 def test_slices_of_three_adverbs_are_five_planes(mocap, verb_of):
     planes = slices(verb_of("reach"), 11)
     assert [one.inside.shape for one in planes] == [(11, 11)] * 5
-    assert planes[0].text == "x × y, z at 30%"
+    assert planes[0].text == "angle × height, radius at 30%"

@@ -6,15 +6,20 @@ Source: Rose, Sloan, Cohen 2001 (seed 1); Feng, Huang, Kallmann, Shapiro 2012 (s
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from verbs import library
 from verbs.measure.figures import board, charts, flow, grids, maps, results, rows
 from verbs.measure.figures.cardinal import draw_cardinal
+from verbs.measure.figures.motions import motions
 from verbs.measure.figures.refining import Refinement, refinement
 from verbs.measure.figures.study import Progress, Study, found, study
 
 __all__ = ["figures"]
+
+BUILT_IN = ("arm3", "board", "reach")
+"""Verbs of seed 1's tables, in its order."""
 
 
 def figures(out: Path, *, data: Path | None, quick: bool = False, progress: Progress | None = None) -> list[Path]:
@@ -46,30 +51,35 @@ def figures(out: Path, *, data: Path | None, quick: bool = False, progress: Prog
     say = progress or (lambda stage, done, total: None)
     started, folder = time.perf_counter(), out / "figures"
     folder.mkdir(parents=True, exist_ok=True)
-    refined = [refinement(library.load(name), quick=quick, progress=say) for name in ("arm3", "reach")]
+    refined = [refinement(library.load(name), quick=quick, progress=say) for name in BUILT_IN]
     paths = _seed_1(folder, refined, say)
     sources = [] if data is None or quick else found(data)
     studies = [study(verb, quick=quick, progress=say) for verb in sources or [one.verb for one in refined]]
     paths += _seed_2(folder, studies, say)
-    paths += rows.draw(folder, [refined[1].verb, *sources], say)
+    paths += rows.draw(folder, [refined[-1].verb, *sources], say)
     flows = [flow.draw(folder / "seed2_fig6_flow.png", verb, say) for verb in sources if verb.name == "locomotion"]
     paths += [one.path for one in flows]
-    text = results.page(refined, studies, flows, captured=bool(sources), seconds=time.perf_counter() - started)
+    moved = [motions(one.verb, say) for one in studies]
+    seconds = time.perf_counter() - started
+    text = results.page(refined, studies, moved, flows, captured=bool(sources), seconds=seconds)
     (out / "results.md").write_text(text, encoding="utf-8")
     return [*paths, out / "results.md"]
 
 
 def _seed_1(folder: Path, refined: list[Refinement], say: Progress) -> list[Path]:
-    arm, reach = refined
-    say("seed 1", 0, 4)
-    paths = [draw_cardinal(folder / "seed1_fig4_5_cardinal.png")]
-    say("seed 1", 1, 4)
-    paths.append(grids.draw_arm(folder / "seed1_fig6_9_11_arm.png", arm))
-    say("seed 1", 2, 4)
-    paths.append(grids.draw_reach(folder / "seed1_fig8_13_reach.png", reach))
-    say("seed 1", 3, 4)
-    paths.append(charts.draw_curves(folder / "seed1_fig14_pseudo_examples.png", refined))
-    say("seed 1", 4, 4)
+    arm, drawing, reach = refined
+    pictures: list[Callable[[], Path]] = [
+        lambda: draw_cardinal(folder / "seed1_fig4_5_cardinal.png"),
+        lambda: grids.draw_arm(folder / "seed1_fig6_9_11_arm.png", arm),
+        lambda: grids.draw_board(folder / "seed1_fig7_10_12_board.png", drawing),
+        lambda: grids.draw_reach(folder / "seed1_fig8_13_reach.png", reach),
+        lambda: charts.draw_curves(folder / "seed1_fig14_pseudo_examples.png", refined),
+    ]
+    paths = []
+    for k, draw in enumerate(pictures):
+        say("seed 1", k, len(pictures))
+        paths.append(draw())
+    say("seed 1", len(pictures), len(pictures))
     return paths
 
 

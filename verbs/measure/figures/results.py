@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import isnan
 
 import numpy as np
 
+from verbs.measure.feet import GOALS, GOALS_SEED, Slides
+from verbs.measure.figures import motions as whole
 from verbs.measure.figures.flow import ABNORMAL, DRAWN, FPS, FRAMES, RAMP, WINDOWS, Flow
 from verbs.measure.figures.refining import Refinement, hybrid_errors
 from verbs.measure.figures.study import Study
@@ -19,27 +21,37 @@ __all__ = ["PRINTED", "page"]
 
 @dataclass(frozen=True, slots=True)
 class _Printed:
-    """One row of seed 1's numbers: what it is called, what ours needs, and mean / max (%) of arm, board, reach."""
+    """One row of seed 1's numbers: what it is called, what ours needs, and mean / max (%) by built-in verb."""
 
     name: str
     searches: int
     refined: bool
-    arm: str
-    board: str
-    reach: str
+    numbers: Mapping[str, str]
+
+
+def _by_verb(arm: str, board: str, reach: str) -> dict[str, str]:
+    return {"arm3": arm, "board": board, "reach": reach}
 
 
 PRINTED = (
-    _Printed("raw basis", 0, False, "6.86 / 14.125", "8.11 / 23.86", "5.27 / 8.98"),
-    _Printed("one line search", 1, False, "1.125 / 4.725", "3.9 / 11.9", "1.03 / 3.22"),
-    _Printed("three line searches", 3, False, "–", "–", "–"),
-    _Printed("pseudo-examples", 0, True, "2.39 / –", "0.25 / 0.69", "0.51 / 1.41"),
-    _Printed("hybrid", 1, True, "0.4 / –", "0.1 / 0.48", "0.053 / 0.96"),
+    _Printed("raw basis", 0, False, _by_verb("6.86 / 14.125", "8.11 / 23.86", "5.27 / 8.98")),
+    _Printed("one line search", 1, False, _by_verb("1.125 / 4.725", "3.9 / 11.9", "1.03 / 3.22")),
+    _Printed("three line searches", 3, False, _by_verb("–", "–", "–")),
+    _Printed("pseudo-examples", 0, True, _by_verb("2.39 / –", "0.25 / 0.69", "0.51 / 1.41")),
+    _Printed("hybrid", 1, True, _by_verb("0.4 / –", "0.1 / 0.48", "0.053 / 0.96")),
 )
 """Seed 1's text, sections 4.2 and 4.3; it does not say how many pseudo-examples these took."""
 
 
-def page(refined: list[Refinement], studies: list[Study], flows: list[Flow], *, captured: bool, seconds: float) -> str:
+def page(
+    refined: list[Refinement],
+    studies: list[Study],
+    moved: list[whole.Motions],
+    flows: list[Flow],
+    *,
+    captured: bool,
+    seconds: float,
+) -> str:
     """Give the whole page as Markdown."""
     nodes = studies[0].section.inside.shape[0]
     parts = [
@@ -50,6 +62,7 @@ def page(refined: list[Refinement], studies: list[Study], flows: list[Flow], *, 
         *[_study(one) for one in studies],
         _ranking(studies, captured=captured),
         *[_flow(one) for one in flows],
+        _moved(moved),
         _pictures(studies, flows, captured=captured),
     ]  # fmt: skip
     return "\n".join(part.strip("\n") + "\n" for part in parts)
@@ -74,8 +87,8 @@ _SEED_2 = """
 
 On {what}. Each method gets the same points, the same slices and the same clamp at the
 domain's edge. κ is the curvature of the weights (§4.1), which depends on its grid: here {nodes} × {nodes} nodes to a
-slice. Slices lie along the axes of the chart: in a cylinder chart "x" stands for the angle about the body and "z" for
-the distance from its axis, in a planar one "distance" and "direction" for the way jumped to the left and forward.
+slice. Slices lie along the axes of the chart: angle about the body, height and distance from its axis (radius) in a
+cylinder chart, the way jumped to the left and forward in a planar one.
 
 Precomputation counts solving the basis, or refining it, or drawing the pseudo-examples of `knn`. Time per query is
 that of weights alone, in a batch of up to 256, the least of 7 runs. `perdof` is `rbf` solved for every degree of
@@ -107,22 +120,25 @@ def _seed_1(refined: list[Refinement]) -> str:
                      for points in (one.sought, one.check)]  # fmt: skip
             name = f"{printed.name}, {pseudo}" if pseudo else printed.name
             rows.append([name, *[f"{mean:.3g} / {worst:.3g}" for mean, worst in pairs],
-                         printed.arm, printed.reach, printed.board])  # fmt: skip
-    heads = ["mean / max error, %", "arm3, table", "arm3, check", "reach, table", "reach, check",
-             "seed 1: arm", "seed 1: reach", "seed 1: board"]  # fmt: skip
+                         *[printed.numbers[one.verb.name] for one in refined]])  # fmt: skip
+    ours = [f"{one.verb.name}, {points}" for one in refined for points in ("table", "check")]
+    heads = ["mean / max error, %", *ours, *[f"seed 1: {_SEED_1_NAMES[one.verb.name]}" for one in refined]]
     where = "".join(f"- **{one.verb.name}**: table: {one.text}. {one.size:.3f} m are 100 %; refining with "
                     f"{max(one.bases)} pseudo-examples took {one.seconds:.1f} s.\n" for one in refined)  # fmt: skip
     return f"{_SEED_1}\n{_table(heads, rows)}\n{where}\n{_seed_1_words(refined, counts[0])}"
 
 
+_SEED_1_NAMES = {"arm3": "arm", "board": "board", "reach": "reach"}
+
 _SEED_1 = """
 ## Seed 1: search, pseudo-examples, hybrid
 
-The built-in planar arm (three links) and the built-in reach (a whole body), beside the paper's printed numbers. The
-paper's examples are not published, nor is what its % are shares of, nor how many pseudo-examples it took: its numbers
-are a band to compare with, not a target to hit. The built-in board is not in this table yet. The arm's table points
-are also those among which the worst was sought; the check points no refinement saw. The curves of figure 14 are over
-the points among which the worst was sought, those of the hybrid over the table's.
+The built-in planar arm (three links), the built-in board (a whole body drawing on a plane) and the built-in reach (a
+whole body), beside the paper's printed numbers. The paper's examples are not published, nor is what its % are shares
+of, nor how many pseudo-examples it took: its numbers are a band to compare with, not a target to hit. The table points
+of arm and board are also those among which the worst was sought; the check points no refinement saw. The curves of
+figure 14 are over the points among which the worst was sought, those of the hybrid over the table's. An error on the
+board is a distance in space: what leaves the board counts, and no line search along the board can take that back.
 """
 
 
@@ -136,8 +152,7 @@ def _seed_1_words(refined: list[Refinement], most: int) -> str:
             f"{local[0]:.0f} pseudo-examples, {everywhere[1]:.3g} / {everywhere[2]:.3g} % with {everywhere[0]:.0f}."
         )
     for printed in PRINTED:
-        pairs = zip(refined, (printed.arm, printed.reach), strict=True)
-        found = [_against(one, printed, numbers, most) for one, numbers in pairs]
+        found = [_against(one, printed, printed.numbers[one.verb.name], most) for one in refined]
         lines += [f"- {printed.name.capitalize()}: {'; '.join(filter(None, found))}."] if any(found) else []
     return "\n".join(lines) + "\n"
 
@@ -254,12 +269,64 @@ tenths of a percent, or change places with the window, no order is claimed.
 """
 
 
+def _moved(moved: list[whole.Motions]) -> str:
+    kinds = (whole.EXAMPLES, *whole.METHODS)
+    names = [whole.EXAMPLES, *[f"`{method}`" for method in whole.METHODS]]
+    standing = [one for one in moved if one.slides[whole.EXAMPLES].stances]
+    slides = [[one.verb.name, *[_slide(one.slides[kind]) for kind in kinds]] for one in standing]
+    peaks = [[one.verb.name, *[_peak(one.peaks[kind]) for kind in kinds]] for one in moved]
+    feet = _FEET.format(count=GOALS, seed=GOALS_SEED)
+    return f"{feet}\n{_table(['verb', *names], slides)}\n{_more(standing)}{_PEAKS}\n{_table(['verb', *names], peaks)}"
+
+
+def _slide(slides: Slides) -> str:
+    return f"{1000 * slides.median_m:.1f} / {1000 * slides.p90_m:.1f} / {1000 * slides.max_m:.1f}"
+
+
+def _peak(peaks: whole.Peaks) -> str:
+    return (
+        f"{peaks.acceleration_median_m_s2:.1f} ({peaks.acceleration_max_m_s2:.0f}), "
+        f"{peaks.speed_median_m_s:.1f} ({peaks.speed_max_m_s:.1f})"
+    )
+
+
+def _more(moved: list[whole.Motions]) -> str:
+    """Say how much more than the examples blends slide; nothing where the examples hardly do."""
+    lines = []
+    for method in whole.METHODS:
+        ratios = [one.slides[method].median_m / one.slides[whole.EXAMPLES].median_m for one in moved
+                  if one.slides[whole.EXAMPLES].median_m > _PLANTED_M]  # fmt: skip
+        if ratios:
+            lines.append(f"`{method}` {min(ratios):.1f} to {max(ratios):.1f}")
+    return f"Medians of blends over those of the examples: {', '.join(lines)} times.\n" if lines else ""
+
+
+_PLANTED_M = 1e-3
+
+_FEET = """
+## Foot slide
+
+How far toes slide over the ground while they stand: the largest distance from the mean place of a stance, in mm,
+median / 90th percentile / largest of all stances. Blends are the whole motions of {count} random goals in the domain
+(seed {seed}), the same for every method; a toe stands in them where the examples' contacts, blended by the same weights
+over canonical time, are above one half. Nothing plants feet here. Runs have fewer stances than steps, because their
+feet hardly slow down.
+"""
+
+_PEAKS = """
+### Peaks of whole motions
+
+The same motions at 60 Hz: the largest acceleration of any joint (m/s²), then the largest speed of the effector (m/s);
+of each the median of the motions, and in brackets the largest.
+"""
+
+
 def _pictures(studies: list[Study], flows: list[Flow], *, captured: bool) -> str:
-    names = [*_PICTURES[:4], ("seed1_fig15_18_reach", "Seed 1, figures 15–18: the built-in reach along its adverbs")]
+    names = [*_PICTURES[:5], ("seed1_fig15_18_reach", "Seed 1, figures 15–18: the built-in reach along its adverbs")]
     if captured:
         names += [(f"seed1_fig15_18_{one.verb.name}_captured", f"Seed 1, figures 15–18: captured {one.verb.name}, rows "
                    "along the axes of its chart") for one in studies]  # fmt: skip
-    names += _PICTURES[4:]
+    names += _PICTURES[5:]
     if flows:
         names.append(("seed2_fig6_flow", "Seed 2, figure 6: motion vector flow of a walk that becomes a jog"))
     return "## Pictures\n\n" + "\n".join(f"![{words}](figures/{name}.png)\n" for name, words in names)
@@ -268,6 +335,7 @@ def _pictures(studies: list[Study], flows: list[Flow], *, captured: bool) -> str
 _PICTURES = (
     ("seed1_fig4_5_cardinal", "Seed 1, figures 4 and 5: cardinal basis of three examples on a line"),
     ("seed1_fig6_9_11_arm", "Seed 1, figures 6, 9 and 11: where a grid of adverbs arrives, planar arm"),
+    ("seed1_fig7_10_12_board", "Seed 1, figures 7, 10 and 12: a grid of adverbs and a drawing, built-in board"),
     ("seed1_fig8_13_reach", "Seed 1, figures 8 and 13: a plane of adverbs, built-in reach"),
     ("seed1_fig14_pseudo_examples", "Seed 1, figure 14: error against the number of pseudo-examples"),
     ("seed2_fig2_domains", "Seed 2, figure 2: domains"),

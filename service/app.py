@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from starlette.middleware import Middleware
 
 from service import errors, openapi
-from service.api import health, pages, poses, verbs
+from service.api import health, pages, poses, streams, verbs
 from service.catalog import Catalog
 from service.middleware import BodyLimit, Observe
 from service.serving import Serving
@@ -29,6 +29,7 @@ def create_app(settings: Settings, *, on_ready: Callable[[Catalog], None] | None
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(serving.open)
             tasks.start_soon(serving.watch_loop)
+            tasks.start_soon(serving.hub.run)
             yield
             tasks.cancel_scope.cancel()
 
@@ -53,6 +54,7 @@ def create_app(settings: Settings, *, on_ready: Callable[[Catalog], None] | None
     # Not include_router: it nests, and asking five routers for their match takes as long as blending the pose.
     routers = (poses.router, verbs.router, health.router, pages.router)
     app.router.routes[:0] = [route for router in routers for route in router.routes]
+    app.router.routes.insert(0, streams.route(serving))
     errors.install(app)
     openapi.install(app)
     return app

@@ -12,7 +12,7 @@ import numpy as np
 import orjson
 import structlog
 
-from verbs import artifact, describe, library, sequence
+from verbs import Characters, artifact, describe, library, sequence
 from verbs.conventions import I64
 from verbs.errors import RequestError, UnknownName
 from verbs.evaluate import Evaluator
@@ -141,6 +141,7 @@ def _warm(evaluator: Evaluator) -> None:
     """Compile or load every kernel that any route may need, so that no request waits for one."""
     evaluator.warm()
     sequence.tracked(evaluator, np.zeros(1), evaluator.verb.values[:1], 1.0)
+    Characters(evaluator).warm()
 
 
 def load(data: Path | None) -> Catalog:

@@ -9,7 +9,12 @@ Every problem has a stable ``code``; ``type`` is where ``/docs`` explains it. Th
     ├── BatchTooLarge      more poses than one call may ask for
     ├── WrongMediaType     the body is of a type that the route does not read
     ├── NotAcceptable      no form that the route can give is accepted
-    └── BadBody            the body cannot be read as what it says it is
+    ├── BadBody            the body cannot be read as what it says it is
+    ├── BadMessage         a stream's message cannot be read as one
+    ├── UnknownChannel     no such channel is open in this stream
+    ├── ChannelInUse       the channel is open already
+    ├── TooManyChannels    a stream has as many channels as it may
+    └── UnknownSession     there is no such session to resume
 """
 
 from __future__ import annotations
@@ -26,19 +31,25 @@ from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from verbs.errors import OutOfRange, UnknownName, VerbError
+from verbs.errors import OutOfRange, SkeletonMismatch, UnknownName, VerbError
 
 __all__ = [
     "PROBLEMS",
     "BadBody",
+    "BadMessage",
     "BatchTooLarge",
     "BodyTooLarge",
+    "ChannelInUse",
     "NotAcceptable",
     "NotReady",
     "Overloaded",
     "Problem",
     "ServiceError",
+    "TooManyChannels",
+    "UnknownChannel",
+    "UnknownSession",
     "WrongMediaType",
+    "code_of",
     "install",
     "invalid",
     "problem",
@@ -87,6 +98,26 @@ class BadBody(ServiceError):
     """The body cannot be read as what it says it is."""
 
 
+class BadMessage(ServiceError):
+    """A stream's message cannot be read as one."""
+
+
+class UnknownChannel(ServiceError):
+    """No such channel is open in this stream."""
+
+
+class ChannelInUse(ServiceError):
+    """The channel is open already."""
+
+
+class TooManyChannels(ServiceError):
+    """A stream, or the server, has as many channels as it may."""
+
+
+class UnknownSession(ServiceError):
+    """There is no such session here, or its grace time is over."""
+
+
 @dataclass(frozen=True, slots=True)
 class Problem:
     """One row of the table: status, stable code, title, and what a client should do about it."""
@@ -120,6 +151,14 @@ PROBLEMS: dict[str, Problem] = {
         Problem(422, "unknown_space", "Unknown space", _UNKNOWN),
         Problem(422, "out_of_range", "Out of range", "The detail says which number, and its bounds."),
         Problem(422, "bad_request", "Request cannot be answered", "The detail says why."),
+        Problem(
+            400, "bad_message", "Message cannot be read", "In streams. docs/wire.md lists messages and their fields."
+        ),
+        Problem(404, "unknown_channel", "Unknown channel", "In streams. Open it first."),
+        Problem(409, "channel_in_use", "Channel in use", "In streams. Close it first, or switch it."),
+        Problem(422, "skeleton_mismatch", "Other skeleton", "In streams. Open another channel for that verb."),
+        Problem(404, "unknown_session", "Unknown session", "In streams. Open the channels anew."),
+        Problem(429, "too_many_channels", "Too many channels", "In streams. Close some, or ask the operator for more."),
         Problem(500, "internal_error", "Internal error", "Report it with the request id."),
         Problem(503, "not_ready", "Not ready", "Verbs are being loaded; ask again after `Retry-After` seconds."),
         Problem(503, "overloaded", "Overloaded", "Ask again after `Retry-After` seconds, or for less at once."),
@@ -135,6 +174,11 @@ _SERVICE_CODES: dict[type[ServiceError], str] = {
     WrongMediaType: "unsupported_media_type",
     NotAcceptable: "not_acceptable",
     BadBody: "malformed_body",
+    BadMessage: "bad_message",
+    UnknownChannel: "unknown_channel",
+    ChannelInUse: "channel_in_use",
+    TooManyChannels: "too_many_channels",
+    UnknownSession: "unknown_session",
 }
 _HTTP_CODES = {404: "not_found", 405: "method_not_allowed", 413: "body_too_large"}
 
@@ -169,11 +213,20 @@ def response_of(err: Exception) -> Response:
 
 
 def _of_library(err: VerbError) -> Response:
+    extra: dict[str, Any] = {"known": list(err.known)} if isinstance(err, UnknownName) else {}
+    return problem(*code_of(err), **extra)
+
+
+def code_of(err: ServiceError | VerbError) -> tuple[str, str]:
+    """Stable code and detail of an error, as streams say them."""
+    if isinstance(err, ServiceError):
+        return _SERVICE_CODES[type(err)], err.detail
     if isinstance(err, UnknownName):
         code = f"unknown_{err.kind}"
-        return problem(code if code in PROBLEMS else "bad_request", str(err), known=list(err.known))
-    code = "out_of_range" if isinstance(err, OutOfRange) else "bad_request"
-    return problem(code, str(err))
+        return code if code in PROBLEMS else "bad_request", str(err)
+    if isinstance(err, SkeletonMismatch):
+        return "skeleton_mismatch", str(err)
+    return "out_of_range" if isinstance(err, OutOfRange) else "bad_request", str(err)
 
 
 def invalid(err: ValidationError, model: type[BaseModel]) -> NoReturn:

@@ -74,6 +74,20 @@ class Metrics:
             buckets=_LATENESS,
             registry=own,
         )
+        self._late = Histogram(
+            "adverb_stream_lateness_seconds",
+            "Time from when a pose message was due to when it was handed to the socket, seconds.",
+            buckets=_LATENESS,
+            registry=own,
+        )
+        self._frames = Counter("adverb_stream_frames_total", "Pose messages that were sent.", registry=own)
+        self._dropped = Counter(
+            "adverb_stream_frames_dropped_total",
+            "Pose messages that were not sent since the client did not read.",
+            registry=own,
+        )
+        self._streams = Gauge("adverb_streams", "Streams that are connected.", registry=own)
+        self._channels = Gauge("adverb_channels", "Characters of all streams.", registry=own)
         self._cached: dict[tuple[str, str, str], Histogram] = {}
         self._requests_cached: dict[tuple[str, str, int], Counter] = {}
         self._poses_cached: dict[tuple[str, int, str], tuple[Histogram, Counter, Counter]] = {}
@@ -134,6 +148,19 @@ class Metrics:
                 value = figures.get(key)
                 if isinstance(value, int | float):
                     self._verb_error.labels(name, stat).set(value)
+
+    def posted(self, sent: int, dropped: int, late_s: float) -> None:
+        """Count the pose messages of one tick, and how late its last one was."""
+        if dropped:
+            self._dropped.inc(dropped)
+        if sent:
+            self._frames.inc(sent)
+            _observe_many(self._late, np.full(sent, late_s))
+
+    def streaming(self, streams: int, channels: int) -> None:
+        """Say how many streams and characters there are."""
+        self._streams.set(streams)
+        self._channels.set(channels)
 
     def loop_was_late(self, seconds: float) -> None:
         """Record how late the event loop came to a timer."""

@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
-from service import schemas
+from service import messages, schemas
 
 __all__ = ["API_VERSION", "DESCRIPTION", "FILE", "install", "text"]
 
@@ -41,10 +41,14 @@ def _document(app: FastAPI) -> dict[str, Any]:
     document = get_openapi(
         title=app.title, version=app.version, description=app.description, routes=app.routes, tags=app.openapi_tags
     )
+    known = document.setdefault("components", {}).setdefault("schemas", {})
+    for name, adapter in (("ClientMessage", messages.CLIENT), ("ServerMessage", messages.SERVER)):
+        union = adapter.json_schema(ref_template="#/components/schemas/{model}")
+        known |= union.pop("$defs")
+        known[name] = union
     _, definitions = models_json_schema(
         [(model, "validation") for model in _READ_BY_HANDLERS], ref_template="#/components/schemas/{model}"
     )
-    known = document.setdefault("components", {}).setdefault("schemas", {})
     for name, schema in definitions["$defs"].items():
         known.setdefault(name, schema)
     for path in document["paths"].values():

@@ -14,6 +14,7 @@ from verbs.conventions import MAX_ADVERBS, MAX_JOINTS
 from verbs.sequence import MAX_CYCLES, MAX_FPS
 
 __all__ = [
+    "STRICT",
     "BatchItem",
     "BatchRequest",
     "Live",
@@ -54,13 +55,13 @@ Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
-_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
 
 class _Asked(BaseModel):
     """A request body: nothing unknown, nothing converted, nothing that is not finite."""
 
-    model_config = _STRICT
+    model_config = STRICT
 
 
 class Options(_Asked):
@@ -104,7 +105,7 @@ class PoseRequest(Options):
     ] = None
 
 
-@with_config(_STRICT)
+@with_config(STRICT)
 class BatchItem(TypedDict):
     """One character of a crowd."""  # a plain mapping: a thousand models take three times as long to make
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import ipaddress
 import signal
@@ -15,8 +16,12 @@ from service import logs
 from service.app import create_app
 from service.catalog import Catalog
 from service.settings import Settings
+from service.stream.hub import Hub
 
 __all__ = ["CannotServe", "serve"]
+
+DRAIN_S = 0.2
+"""Time for goodbyes to be written before connections are closed."""
 
 SWITCH_S = 0.001
 """Longest time for which a thread keeps the interpreter while the event loop waits for it; Python's own is 5 ms."""
@@ -57,8 +62,9 @@ def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
         count = len(catalog.entries)
         say(f"Adverb is ready on http://{shown}:{port} ({count} verb{'s' * (count != 1)}; docs at /docs)")
 
+    app = create_app(settings, on_ready=ready)
     config = uvicorn.Config(
-        create_app(settings, on_ready=ready),
+        app,
         loop="uvloop",
         http="httptools",
         ws="websockets-sansio",
@@ -75,7 +81,23 @@ def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)
     with listener:
-        uvicorn.Server(config).run(sockets=[listener])
+        _Server(config, app.state.serving.hub).run(sockets=[listener])
+
+
+class _Server(uvicorn.Server):
+    """uvicorn, which tells streams that it is about to stop before it closes them."""
+
+    def __init__(self, config: uvicorn.Config, hub: Hub) -> None:
+        super().__init__(config)
+        self._hub = hub
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop listening, say goodbye, then let requests end."""
+        for server in self.servers:
+            server.close()
+        self._hub.drain()
+        await asyncio.sleep(DRAIN_S)
+        await super().shutdown(sockets)
 
 
 def _listen(settings: Settings) -> socket.socket:

@@ -15,6 +15,8 @@ from service.errors import NotReady
 from service.metrics import Metrics
 from service.middleware import SCOPE_KEY, Trace
 from service.settings import Settings
+from service.stream import packing
+from service.stream.hub import Hub
 
 __all__ = ["Serving", "served", "serving_of", "trace_of"]
 
@@ -37,6 +39,7 @@ class Serving:
         self.settings, self.metrics = settings, Metrics()
         self.pool = Pool(threads=settings.compute_threads, max_waiting=settings.max_waiting)
         self.catalog: Catalog | None = None
+        self.hub = Hub(settings, self.metrics, self.current)
         self.ready = anyio.Event()
         self._on_ready = on_ready
 
@@ -48,6 +51,7 @@ class Serving:
 
     async def open(self) -> None:
         """Load verbs and warm kernels in a thread, then say that requests are welcome."""
+        await aside(packing.warm)
         loaded = await aside(lambda: catalogs.load(self.settings.data))
         log.info("ready", verbs=list(loaded.entries), skipped=len(loaded.skipped))
         self.offer(loaded)

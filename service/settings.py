@@ -66,6 +66,20 @@ class Settings(BaseSettings):
     max_waiting: Annotated[
         int, Field(ge=0, le=10_000, description="Most such calls that wait for a thread; more are answered 503.")
     ] = 64
+    streams: Annotated[int, Field(ge=1, le=100_000, description="Most streams (WebSockets) at a time.")] = 2_000
+    stream_channels: Annotated[int, Field(ge=1, le=65_536, description="Most channels (characters) of a stream.")] = (
+        1_024
+    )
+    stream_characters: Annotated[
+        int, Field(ge=1, le=1_000_000, description="Most channels (characters) of all streams together.")
+    ] = 20_000
+    stream_grace_s: Annotated[
+        float, Field(ge=0, le=600, description="How long a stream that lost its connection can be resumed, seconds.")
+    ] = 10.0
+    stream_slow_s: Annotated[
+        float,
+        Field(gt=0, le=600, description="Seconds for which a stream's client may read nothing before it is cut off."),
+    ] = 30.0
     shutdown_s: Annotated[
         int, Field(ge=0, le=600, description="Longest wait for running requests when asked to stop, seconds.")
     ] = 10

@@ -15,6 +15,7 @@ from verbs.blend import methods
 from verbs.blend.corrected import Corrected
 from verbs.conventions import F64
 from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
+from verbs.follow import follow_window
 from verbs.goal import Goal
 from verbs.kernels import ask, timing
 from verbs.kernels import measure as measures
@@ -103,11 +104,20 @@ class Evaluator:
         self._shape = (len(verb.examples), len(verb.measure.axes))
         self._hot: tuple[Any, ...] | None = None
         self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
+        self.follow_window = lru_cache(maxsize=1)(self._follow_window)
 
     def method(self, name: str | None = None) -> tuple[str, methods.Method]:
         """A method by name, prepared once; None takes the verb's default."""
         chosen = name or methods.default_method(self.verb)
         return chosen, self._method(chosen)
+
+    def _follow_window(self) -> tuple[float, float] | None:
+        """Phases (from, to) at which a held pose can follow its goal; None where that cannot be."""
+        if "corrected" not in methods.usable(self.verb):
+            return None
+        method = self._method("corrected")
+        assert isinstance(method, Corrected)
+        return follow_window(method)
 
     def adverbs(self, named: Mapping[str, float] | Sequence[Mapping[str, float]]) -> F64:
         """Adverbs (B, D) from one or several mappings of names to numbers.
@@ -270,6 +280,7 @@ class Evaluator:
         for name in methods.usable(self.verb):
             with suppress(VerbError):  # a method that this verb cannot have says so when it is asked for
                 self.blend(self.verb.values[:1], method=name)
+        self.follow_window()
         poses = self.pose(self.verb.values[:1], phase=0.0)
         self.pose_of(poses.blend, time_s=0.0)
         self.positions(poses)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from verbs.conventions import F64
+from verbs.kernels import cycle
 from verbs.kernels import measure as kernels
 from verbs.verb import Verb
 
@@ -44,6 +45,9 @@ class Goal:
         Pseudo-inverse of the measure's frame.
     starts, chain : (3, N), (4·L, N) float64
         Roots and rows with the examples last, as correction wants them.
+    walk, turns : (2·G + H, C), (N,) float64
+        Strides as rows and turns over the cycle, see :func:`verbs.kernels.cycle.walk_of`; no rows where no speed is
+        measured.
     """
 
     verb: Verb
@@ -55,6 +59,8 @@ class Goal:
     inverse: F64
     starts: F64
     chain: F64
+    walk: F64
+    turns: F64
 
     @classmethod
     def of_verb(cls, verb: Verb) -> Goal:
@@ -65,11 +71,14 @@ class Goal:
         if measure.kind == kernels.POSITION:
             at_key = _at_keytime(verb, measure.keytime)
             roots = np.ascontiguousarray(at_key[:, :3])
-            turns = at_key[:, 4:].reshape(len(verb.examples), -1, 4)
-            rows = np.ascontiguousarray(turns[:, chain[:-1]].transpose(1, 0, 2))
+            rotations = at_key[:, 4:].reshape(len(verb.examples), -1, 4)
+            rows = np.ascontiguousarray(rotations[:, chain[:-1]].transpose(1, 0, 2))
         elif measure.kind == kernels.JUMP:
             marks = (0, measure.keytime, len(verb.phases) - 1)
             roots = np.stack([_at_keytime(verb, mark)[:, :3] for mark in marks])
+        walk, turns = np.zeros((0, 0)), np.zeros(len(verb.examples))
+        if measure.kind == kernels.VELOCITY:
+            walk = cycle.walk_of(verb.strides, verb.phases, turns)
         return cls(
             verb,
             roots,
@@ -80,6 +89,8 @@ class Goal:
             np.ascontiguousarray(np.linalg.pinv(measure.frame)),
             np.ascontiguousarray(roots.T) if roots.ndim == 2 else np.zeros((3, 0)),
             np.ascontiguousarray(rows.transpose(0, 2, 1)).reshape(-1, len(verb.examples)),
+            walk,
+            turns,
         )
 
     @property
@@ -118,5 +129,5 @@ class Goal:
         elif verb.measure.kind == kernels.JUMP:
             kernels.jumps(weights, self.roots, out)
         elif verb.measure.kind == kernels.VELOCITY:
-            kernels.root_velocities(weights, verb.strides, verb.phases, self.log_lengths, out)
+            kernels.root_velocities(weights, self.walk, self.turns, verb.phases, self.log_lengths, out)
         return out

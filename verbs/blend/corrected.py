@@ -89,4 +89,4 @@ class Corrected:
         elif verb.measure.kind == measures.JUMP:
             kernels.correct_jumps(weights, goals, *rules, goal.roots)
         elif verb.measure.kind == measures.VELOCITY:
-            kernels.correct_velocities(weights, goals, *rules, verb.strides, verb.phases, goal.log_lengths)
+            kernels.correct_velocities(weights, goals, *rules, goal.walk, goal.turns, verb.phases, goal.log_lengths)

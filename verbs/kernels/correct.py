@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from verbs.conventions import F64
+from verbs.kernels import cycle
 from verbs.kernels.compile import kernel
 from verbs.kernels.pose import NLERP, ROTATION_VECTOR, finish_rotation, multiply
-from verbs.kernels.timewarp import blend_keytimes, slopes, time_at
 
 __all__ = [
     "correct_jumps",
@@ -25,6 +25,9 @@ __all__ = [
     "reach_positions",
     "velocity_jacobian",
 ]
+
+SQUARE = 100.0
+"""A step of full length leaves this many times the square of the distance (1/m) at most: 1 to 20, where we measured."""
 
 
 @kernel
@@ -138,6 +141,71 @@ def _lever(turn: F64, x: float, y: float, z: float, rates: F64, out: F64) -> Non
 
 
 @kernel
+def _position(
+    weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64,
+    turns: F64, locals_: F64, places: F64, point: F64,
+) -> None:  # fmt: skip
+    """Effector position (3,), and what its Jacobian needs; arrays as in :func:`position_jacobian`."""
+    count = weights.shape[0]
+    for a in range(3):
+        total = 0.0
+        for i in range(count):
+            total += weights[i] * roots[a, i]
+        point[a] = total
+    # Quaternions of the chain are kept in scalars: a view of a row costs as much as the product itself.
+    gx, gy, gz, gw = 0.0, 0.0, 0.0, 1.0
+    for j in range(references.shape[0]):
+        for a in range(4):
+            total = 0.0
+            for i in range(count):
+                total += weights[i] * rows[4 * j + a, i]
+            locals_[j, a] = total
+        x, y, z, w = locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3]
+        length = np.sqrt(x * x + y * y + z * z + w * w)
+        if mode == NLERP and length >= 0.3:
+            x, y, z, w = x / length, y / length, z / length, w / length
+            locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3] = x, y, z, w
+        else:
+            length = max(finish_rotation(mode, references[j], locals_[j]), 0.3)
+            x, y, z, w = locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3]
+        places[j, 0], places[j, 1], places[j, 2], places[j, 3] = point[0], point[1], point[2], length
+        gx, gy, gz, gw = (
+            gw * x + gx * w + gy * z - gz * y,
+            gw * y - gx * z + gy * w + gz * x,
+            gw * z + gx * y - gy * x + gz * w,
+            gw * w - gx * x - gy * y - gz * z,
+        )
+        turns[j, 0], turns[j, 1], turns[j, 2], turns[j, 3] = gx, gy, gz, gw
+        p, q, r = offsets[j, 0], offsets[j, 1], offsets[j, 2]
+        x, y, z = 2.0 * (gy * r - gz * q), 2.0 * (gz * p - gx * r), 2.0 * (gx * q - gy * p)
+        point[0] += p + gw * x + gy * z - gz * y
+        point[1] += q + gw * y + gz * x - gx * z
+        point[2] += r + gw * z + gx * y - gy * x
+
+
+@kernel
+def _spread(
+    mode: int, roots: F64, rows: F64, references: F64, turns: F64, locals_: F64, places: F64, rates: F64, point: F64,
+    jacobian: F64,
+) -> None:  # fmt: skip
+    """Jacobian (3, N) of the position that :func:`_position` left."""
+    count = jacobian.shape[1]
+    for a in range(3):
+        for i in range(count):
+            jacobian[a, i] = roots[a, i]
+    for j in range(references.shape[0]):
+        _rates(mode, references[j], locals_[j], places[j, 3], rates[0])
+        x, y, z = point[0] - places[j, 0], point[1] - places[j, 1], point[2] - places[j, 2]
+        _lever(turns[j], x, y, z, rates[0], rates[1])
+        for a in range(3):
+            p, q, r, s = rates[1, a, 0], rates[1, a, 1], rates[1, a, 2], rates[1, a, 3]
+            for i in range(count):
+                jacobian[a, i] += (
+                    p * rows[4 * j, i] + q * rows[4 * j + 1, i] + r * rows[4 * j + 2, i] + s * rows[4 * j + 3, i]
+                )
+
+
+@kernel
 def position_jacobian(
     weights: F64,
     mode: int,
@@ -171,52 +239,8 @@ def position_jacobian(
     point, jacobian : (3,), (3, N) float64
         Written.
     """
-    count = weights.shape[0]
-    for a in range(3):
-        total = 0.0
-        for i in range(count):
-            total += weights[i] * roots[a, i]
-            jacobian[a, i] = roots[a, i]
-        point[a] = total
-    # Quaternions of the chain are kept in scalars: a view of a row costs as much as the product itself.
-    gx, gy, gz, gw = 0.0, 0.0, 0.0, 1.0
-    for j in range(references.shape[0]):
-        for a in range(4):
-            total = 0.0
-            for i in range(count):
-                total += weights[i] * rows[4 * j + a, i]
-            locals_[j, a] = total
-        x, y, z, w = locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3]
-        length = np.sqrt(x * x + y * y + z * z + w * w)
-        if mode == NLERP and length >= 0.3:
-            x, y, z, w = x / length, y / length, z / length, w / length
-            locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3] = x, y, z, w
-        else:
-            length = max(finish_rotation(mode, references[j], locals_[j]), 0.3)
-            x, y, z, w = locals_[j, 0], locals_[j, 1], locals_[j, 2], locals_[j, 3]
-        places[j, 0], places[j, 1], places[j, 2], places[j, 3] = point[0], point[1], point[2], length
-        gx, gy, gz, gw = (
-            gw * x + gx * w + gy * z - gz * y,
-            gw * y - gx * z + gy * w + gz * x,
-            gw * z + gx * y - gy * x + gz * w,
-            gw * w - gx * x - gy * y - gz * z,
-        )
-        turns[j, 0], turns[j, 1], turns[j, 2], turns[j, 3] = gx, gy, gz, gw
-        p, q, r = offsets[j, 0], offsets[j, 1], offsets[j, 2]
-        x, y, z = 2.0 * (gy * r - gz * q), 2.0 * (gz * p - gx * r), 2.0 * (gx * q - gy * p)
-        point[0] += p + gw * x + gy * z - gz * y
-        point[1] += q + gw * y + gz * x - gx * z
-        point[2] += r + gw * z + gx * y - gy * x
-    for j in range(references.shape[0]):
-        _rates(mode, references[j], locals_[j], places[j, 3], rates[0])
-        x, y, z = point[0] - places[j, 0], point[1] - places[j, 1], point[2] - places[j, 2]
-        _lever(turns[j], x, y, z, rates[0], rates[1])
-        for a in range(3):
-            p, q, r, s = rates[1, a, 0], rates[1, a, 1], rates[1, a, 2], rates[1, a, 3]
-            for i in range(count):
-                jacobian[a, i] += (
-                    p * rows[4 * j, i] + q * rows[4 * j + 1, i] + r * rows[4 * j + 2, i] + s * rows[4 * j + 3, i]
-                )
+    _position(weights, mode, roots, rows, references, offsets, turns, locals_, places, point)
+    _spread(mode, roots, rows, references, turns, locals_, places, rates, point, jacobian)
 
 
 @kernel
@@ -232,103 +256,22 @@ def jump_jacobian(weights: F64, roots: F64, point: F64, jacobian: F64) -> None:
 
 
 @kernel
-def _slope_shares(phases: F64, keytimes: F64, bent: F64) -> None:
-    """Derivatives (M - 1, M) of the time-warp's slopes in the segment lengths, by central differences."""
-    marks = phases.shape[0]
-    moved, ahead = np.empty(marks), np.empty(marks)
-    for m in range(marks - 1):
-        grow = 1e-5 * (keytimes[m + 1] - keytimes[m])
-        for sign in (1.0, -1.0):
-            for n in range(marks):
-                moved[n] = keytimes[n] + (sign * grow if n > m else 0.0)
-            slopes(phases, moved, True, ahead)
-            for n in range(marks):
-                bent[m, n] = ahead[n] if sign > 0 else (bent[m, n] - ahead[n]) / (2.0 * grow)
-
-
-@kernel
 def velocity_jacobian(
     weights: F64, strides: F64, phases: F64, log_lengths: F64, point: F64, jacobian: F64, shares: F64
 ) -> None:
     """Forward speed, turn rate, sideways speed (3,) over a cycle and their Jacobian (3, N).
 
-    ``shares`` (2, N) is scratch. Time enters through few numbers, the segment lengths: its part is summed over them
-    and chained to the examples last.
+    ``strides`` are (K, N, 3) and ``shares`` (2, N) is scratch. This lays the strides out at each call; who asks often
+    does that once, as :func:`correct_velocities`.
     """
-    count, marks, intervals = weights.shape[0], phases.shape[0], strides.shape[0]
-    keytimes, tangents, bent = np.empty(marks), np.empty(marks), np.empty((marks - 1, marks))
-    blend_keytimes(weights, log_lengths, keytimes)
-    slopes(phases, keytimes, True, tangents)
-    _slope_shares(phases, keytimes, bent)
-    duration, total = keytimes[marks - 1], 0.0
-    headings, spin = shares[0], shares[1]
-    spin[:] = 0.0
-    for k in range(intervals):
+    count = weights.shape[0]
+    walk = cycle.walk_of(strides, phases, shares[0])
+    times, full, steps, rows, columns = cycle.scratch(walk, phases, count)
+    cycle.mean_speeds(weights, walk, shares[0], phases, log_lengths, times, full, steps, point)
+    cycle.speed_derivatives(walk, shares[0], phases, log_lengths, times, steps, point, rows, columns)
+    for a in range(3):
         for i in range(count):
-            spin[i] += strides[k, i, 2]
-    for i in range(count):
-        total += weights[i] * spin[i]
-    rate = total / duration
-    headings[:] = 0.0
-    jacobian[:] = 0.0
-    pace = np.zeros((2, marks))  # Σ_k (x, z) · ∂(mid time)/∂(length m); the last column holds Σ_k (x, z) · mid time
-    now, then, moved = np.zeros(marks - 1), np.empty(marks - 1), np.empty(3)
-    heading, before, x_sum, z_sum = 0.0, 0.0, 0.0, 0.0
-    for k in range(intervals):
-        moved[:] = 0.0
-        for i in range(count):
-            for a in range(3):
-                moved[a] += weights[i] * strides[k, i, a]
-        phase = (k + 1.0) / intervals
-        after = time_at(phases, keytimes, tangents, phase)
-        _time_shares(phases, bent, phase, then)
-        middle = 0.5 * (before + after)
-        angle = heading + 0.5 * moved[2] - rate * middle
-        cosine, sine = np.cos(angle), np.sin(angle)
-        x, z = moved[0] * cosine + moved[1] * sine, -moved[0] * sine + moved[1] * cosine
-        for m in range(marks - 1):
-            pace[0, m] += x * 0.5 * (now[m] + then[m])
-            pace[1, m] += z * 0.5 * (now[m] + then[m])
-            now[m] = then[m]
-        pace[0, marks - 1] += x * middle
-        pace[1, marks - 1] += z * middle
-        for i in range(count):
-            side, ahead, turn = strides[k, i, 0], strides[k, i, 1], headings[i] + 0.5 * strides[k, i, 2]
-            jacobian[0, i] += -side * sine + ahead * cosine - turn * x
-            jacobian[2, i] += side * cosine + ahead * sine + turn * z
-            headings[i] += strides[k, i, 2]
-        x_sum, z_sum, before = x_sum + x, z_sum + z, after
-        heading += moved[2]
-    point[0], point[1], point[2] = z_sum / duration, rate, x_sum / duration
-    for i in range(count):
-        whole, slow_x, slow_z = 0.0, 0.0, 0.0
-        for m in range(marks - 1):
-            growth = (keytimes[m + 1] - keytimes[m]) * log_lengths[i, m]
-            whole += growth
-            slow_x += pace[0, m] * growth
-            slow_z += pace[1, m] * growth
-        turning = (spin[i] - rate * whole) / duration
-        dx = jacobian[2, i] - turning * pace[1, marks - 1] - rate * slow_z
-        dz = jacobian[0, i] + turning * pace[0, marks - 1] + rate * slow_x
-        jacobian[0, i] = (dz - point[0] * whole) / duration
-        jacobian[1, i] = turning
-        jacobian[2, i] = (dx - point[2] * whole) / duration
-
-
-@kernel
-def _time_shares(phases: F64, bent: F64, phase: float, out: F64) -> None:
-    """Derivatives (M - 1,) of the seconds at a phase in the segment lengths; ``bent`` of :func:`_slope_shares`."""
-    segment = 0
-    while segment < phases.shape[0] - 2 and phase >= phases[segment + 1]:
-        segment += 1
-    width = phases[segment + 1] - phases[segment]
-    u = (phase - phases[segment]) / width
-    v = 1.0 - u
-    for m in range(out.shape[0]):
-        start = 1.0 if m < segment else 0.0
-        end = 1.0 if m <= segment else 0.0
-        flat = v * v * (1.0 + 2.0 * u) * start + u * u * (3.0 - 2.0 * u) * end
-        out[m] = flat + width * u * v * (v * bent[m, segment] - u * bent[m, segment + 1])
+            jacobian[a, i] = columns[a, i]
 
 
 @kernel
@@ -344,25 +287,35 @@ def correct_positions(
     references: F64,
     offsets: F64,
 ) -> None:
-    """Correct weights (B, N) in place until effectors are at goals (B, 3)."""
+    """Correct weights (B, N) in place until effectors are at goals (B, 3).
+
+    Positions come first, as no Jacobian is needed where the goal is met; a step that must have met it, being small,
+    is not looked at again: it leaves :data:`SQUARE` times the square of the distance at most.
+    """
     links, point, jacobian = references.shape[0], np.empty(3), np.empty((3, weights.shape[1]))
     turns, locals_, places = np.empty((links, 4)), np.empty((links, 4)), np.empty((links, 4))
-    chain = (roots, rows, references, offsets, turns, locals_, places, np.empty((2, 3, 4)))
+    rates = np.empty((2, 3, 4))
     for b in range(weights.shape[0]):
         for _ in range(int(rules[3])):
-            position_jacobian(weights[b], mode, *chain, point, jacobian)
-            if step(weights[b], goals[b], point, jacobian, held, scale, rules) < rules[2]:
+            _position(weights[b], mode, roots, rows, references, offsets, turns, locals_, places, point)
+            missing = 0.0
+            for a in range(3):
+                missing += (scale[a] * (goals[b, a] - point[a])) ** 2
+            if missing < rules[2] * rules[2]:
+                break
+            _spread(mode, roots, rows, references, turns, locals_, places, rates, point, jacobian)
+            step(weights[b], goals[b], point, jacobian, held, scale, rules)
+            if SQUARE * missing < rules[2]:
                 break
 
 
 @kernel
 def reach_positions(weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, out: F64) -> None:
     """Effector positions (B, 3) of weights (B, N); arrays as in :func:`position_jacobian`."""
-    links, jacobian = references.shape[0], np.empty((3, weights.shape[1]))
+    links = references.shape[0]
     turns, locals_, places = np.empty((links, 4)), np.empty((links, 4)), np.empty((links, 4))
-    chain = (roots, rows, references, offsets, turns, locals_, places, np.empty((2, 3, 4)))
     for b in range(weights.shape[0]):
-        position_jacobian(weights[b], mode, *chain, out[b], jacobian)
+        _position(weights[b], mode, roots, rows, references, offsets, turns, locals_, places, out[b])
 
 
 @kernel
@@ -378,12 +331,23 @@ def correct_jumps(weights: F64, goals: F64, held: F64, scale: F64, rules: F64, r
 
 @kernel
 def correct_velocities(
-    weights: F64, goals: F64, held: F64, scale: F64, rules: F64, strides: F64, phases: F64, log_lengths: F64
+    weights: F64, goals: F64, held: F64, scale: F64, rules: F64, walk: F64, turns: F64, phases: F64, log_lengths: F64
 ) -> None:
-    """Correct weights (B, N) in place until cycles have the speeds of goals (B, 3)."""
-    point, jacobian, shares = np.empty(3), np.empty((3, weights.shape[1])), np.empty((2, weights.shape[1]))
+    """Correct weights (B, N) in place until cycles have the speeds of goals (B, 3).
+
+    ``walk`` and ``turns`` are those of :func:`verbs.kernels.cycle.walk_of`; steps end as in :func:`correct_positions`.
+    """
+    point = np.empty(3)
+    times, full, steps, shares, jacobian = cycle.scratch(walk, phases, weights.shape[1])
     for b in range(weights.shape[0]):
         for _ in range(int(rules[3])):
-            velocity_jacobian(weights[b], strides, phases, log_lengths, point, jacobian, shares)
-            if step(weights[b], goals[b], point, jacobian, held, scale, rules) < rules[2]:
+            cycle.mean_speeds(weights[b], walk, turns, phases, log_lengths, times, full, steps, point)
+            missing = 0.0
+            for a in range(3):
+                missing += (scale[a] * (goals[b, a] - point[a])) ** 2
+            if np.sqrt(missing) < rules[2]:
+                break
+            cycle.speed_derivatives(walk, turns, phases, log_lengths, times, steps, point, shares, jacobian)
+            step(weights[b], goals[b], point, jacobian, held, scale, rules)
+            if SQUARE * missing < rules[2]:
                 break

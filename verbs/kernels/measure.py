@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from verbs.conventions import F64, I64
+from verbs.kernels import cycle
 from verbs.kernels.compile import kernel
 from verbs.kernels.pose import add_turned, finish_rotation, multiply
-from verbs.kernels.timewarp import blend_keytimes, slopes, time_at
 
 __all__ = [
     "JUMP",
@@ -79,39 +79,6 @@ def jump(weights: F64, roots: F64, out: F64) -> None:
 
 
 @kernel
-def root_velocity(weights: F64, strides: F64, phases: F64, log_lengths: F64, out: F64) -> None:
-    """Forward speed (m/s), turn rate (rad/s) and sideways speed (m/s) over one cycle (3,).
-
-    Each step is turned into the frame that turns at the cycle's mean rate, then averaged over the cycle.
-    """
-    count = phases.shape[0]
-    keytimes, tangents = np.empty(count), np.empty(count)
-    blend_keytimes(weights, log_lengths, keytimes)
-    slopes(phases, keytimes, True, tangents)
-    intervals = strides.shape[0]
-    total = 0.0
-    for k in range(intervals):
-        for i in range(weights.shape[0]):
-            total += weights[i] * strides[k, i, 2]
-    duration = keytimes[count - 1]
-    rate = total / duration
-    heading, x, z, before = 0.0, 0.0, 0.0, 0.0
-    step = np.empty(3)
-    for k in range(intervals):
-        step[:] = 0.0
-        for i in range(weights.shape[0]):
-            for a in range(3):
-                step[a] += weights[i] * strides[k, i, a]
-        after = time_at(phases, keytimes, tangents, (k + 1.0) / intervals)
-        angle = heading + 0.5 * step[2] - rate * 0.5 * (before + after)
-        x += step[0] * np.cos(angle) + step[1] * np.sin(angle)
-        z += -step[0] * np.sin(angle) + step[1] * np.cos(angle)
-        heading += step[2]
-        before = after
-    out[0], out[1], out[2] = z / duration, rate, x / duration
-
-
-@kernel
 def positions(weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, out: F64) -> None:
     """:func:`position` for weights (B, N), written to ``out`` (B, 3)."""
     for b in range(weights.shape[0]):
@@ -126,10 +93,15 @@ def jumps(weights: F64, roots: F64, out: F64) -> None:
 
 
 @kernel
-def root_velocities(weights: F64, strides: F64, phases: F64, log_lengths: F64, out: F64) -> None:
-    """:func:`root_velocity` for weights (B, N), written to ``out`` (B, 3)."""
+def root_velocities(weights: F64, walk: F64, turns: F64, phases: F64, log_lengths: F64, out: F64) -> None:
+    """Forward speed (m/s), turn rate (rad/s), sideways speed (m/s) over one cycle (B, 3) of weights (B, N).
+
+    Each step is turned into the frame that turns at the cycle's mean rate, then averaged over the cycle. ``walk`` and
+    ``turns`` are those of :func:`verbs.kernels.cycle.walk_of`.
+    """
+    times, full, steps, _, _ = cycle.scratch(walk, phases, weights.shape[1])
     for b in range(weights.shape[0]):
-        root_velocity(weights[b], strides, phases, log_lengths, out[b])
+        cycle.mean_speeds(weights[b], walk, turns, phases, log_lengths, times, full, steps, out[b])
 
 
 @kernel

@@ -110,12 +110,12 @@ def blend(weights: F64, phases: F64, curves: F32, mode: int, references: F64, ro
     for b in range(weights.shape[0]):
         first = spline_taps(phases[b], curves.shape[0] - 3, taps)
         row[:] = 0.0
-        for tap in range(4):
-            for i in range(weights.shape[1]):
-                scale = taps[tap] * weights[b, i]
-                source = curves[first + tap, i]
-                for c in range(width):
-                    row[c] += scale * source[c]
+        for i in range(weights.shape[1]):
+            weight = weights[b, i]
+            t0, t1, t2, t3 = weight * taps[0], weight * taps[1], weight * taps[2], weight * taps[3]
+            s0, s1, s2, s3 = curves[first, i], curves[first + 1, i], curves[first + 2, i], curves[first + 3, i]
+            for c in range(width):
+                row[c] += t0 * s0[c] + t1 * s1[c] + t2 * s2[c] + t3 * s3[c]
         for a in range(3):
             root[b, a] = row[a]
         for j in range(references.shape[0]):
@@ -138,13 +138,15 @@ def forward(root: F64, rotations: F64, parents: I64, offsets: F64, turns: F64, p
 
 
 @kernel
-def _step(weights: F64, strides: F64, k: int, out: F64) -> None:
-    """Blended step (3,) of interval k, which wraps around: sideways, forward (m), turn (rad)."""
-    out[:] = 0.0
-    source = strides[k % strides.shape[0]]
+def _step(weights: F64, strides: F64, k: int) -> tuple[float, float, float]:
+    """Blended step of interval k, which wraps around: sideways, forward (m), turn (rad)."""
+    row = k % strides.shape[0]
+    side, ahead, turn = 0.0, 0.0, 0.0
     for i in range(weights.shape[0]):
-        for a in range(3):
-            out[a] += weights[i] * source[i, a]
+        side += weights[i] * strides[row, i, 0]
+        ahead += weights[i] * strides[row, i, 1]
+        turn += weights[i] * strides[row, i, 2]
+    return side, ahead, turn
 
 
 @kernel
@@ -156,10 +158,13 @@ def _part(u: float, step: float, before: float, after: float) -> float:
 
 
 @kernel
-def _advance(place: F64, heading_mid: float, side: float, ahead: float) -> None:
-    """Move a place (x, z) by a step in a frame of the given heading."""
-    place[0] += side * np.cos(heading_mid) + ahead * np.sin(heading_mid)
-    place[1] += -side * np.sin(heading_mid) + ahead * np.cos(heading_mid)
+def _advance(place: F64, side: float, ahead: float, turn: float) -> None:
+    """Move a place (x, z, heading) by a step in the frame of its heading half way."""
+    middle = place[2] + 0.5 * turn
+    cosine, sine = np.cos(middle), np.sin(middle)
+    place[0] += side * cosine + ahead * sine
+    place[1] += ahead * cosine - side * sine
+    place[2] += turn
 
 
 @kernel
@@ -171,31 +176,31 @@ def stride_to(weights: F64, strides: F64, start: float, end: float, looping: boo
     neighbours' mean speed, so that position and velocity are continuous, across the seam of a loop too.
     """
     intervals = strides.shape[0]
-    before, step, after = np.empty(3), np.empty(3), np.empty(3)
     at, stop = start * intervals, end * intervals
+    if at >= stop - 1e-12:
+        return
     k = int(np.floor(at + 1e-12))
+    step = _step(weights, strides, k)
+    before = _step(weights, strides, k - 1) if looping or k > 0 else step
     while at < stop - 1e-12:
         upto = min(float(k + 1), stop)
-        _step(weights, strides, k, step)
-        before[:], after[:] = step, step
-        if looping or k > 0:
-            _step(weights, strides, k - 1, before)
-        if looping or k < intervals - 1:
-            _step(weights, strides, k + 1, after)
-        u0, u1 = min(max(at - k, 0.0), 1.0), min(max(upto - k, 0.0), 1.0)
-        moved = np.empty(3)
-        for a in range(3):
-            moved[a] = _part(u1, step[a], before[a], after[a]) - _part(u0, step[a], before[a], after[a])
-        _advance(place, place[2] + 0.5 * moved[2], moved[0], moved[1])
-        place[2] += moved[2]
+        after = _step(weights, strides, k + 1) if looping or k < intervals - 1 else step
+        u, v = min(max(at - k, 0.0), 1.0), min(max(upto - k, 0.0), 1.0)
+        _advance(
+            place,
+            _part(v, step[0], before[0], after[0]) - _part(u, step[0], before[0], after[0]),
+            _part(v, step[1], before[1], after[1]) - _part(u, step[1], before[1], after[1]),
+            _part(v, step[2], before[2], after[2]) - _part(u, step[2], before[2], after[2]),
+        )
+        before, step = step, after
         at = upto
         k += 1
 
 
 @kernel
-def _walk_cycles(weights: F64, strides: F64, cycles: int, place: F64) -> None:
-    """Walk whole cycles from the origin: one is walked, the others are its step, turned on."""
-    once = np.zeros(3)
+def _walk_cycles(weights: F64, strides: F64, cycles: int, once: F64, place: F64) -> None:
+    """Walk whole cycles from the origin: one is walked (``once`` (3,), scratch), the others are its step, turned on."""
+    once[:] = 0.0
     stride_to(weights, strides, 0.0, 1.0, True, once)
     for _ in range(cycles):
         cosine, sine = np.cos(place[2]), np.sin(place[2])
@@ -211,7 +216,7 @@ def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: boo
     ``phases`` (B,) are unwrapped, and rise in one walk. ``root`` (B, 3) holds heights; x and z are written.
     ``rotations`` (B, J, 4) hold root rotations without heading; the heading walked through is put in front.
     """
-    place, heading, local = np.empty(3), np.zeros(4), np.empty(4)
+    place, once, heading, local = np.empty(3), np.empty(3), np.zeros(4), np.empty(4)
     for b in range(weights.shape[0]):
         start = 0.0
         if one_walk and b > 0:
@@ -220,7 +225,7 @@ def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: boo
             place[:] = 0.0
             if looping and phases[b] >= 2.0:
                 start = np.floor(phases[b])
-                _walk_cycles(weights[b], strides, int(start), place)
+                _walk_cycles(weights[b], strides, int(start), once, place)
         stride_to(weights[b], strides, start, phases[b], looping, place)
         root[b, 0], root[b, 2] = place[0], place[1]
         heading[1], heading[3] = np.sin(0.5 * place[2]), np.cos(0.5 * place[2])
@@ -238,13 +243,9 @@ def velocity(weights: F64, strides: F64, phase: float, rate: float, looping: boo
     x = phase * intervals
     k = min(max(int(np.floor(x)), 0), intervals - 1)
     u = x - k
-    before, step, after = np.empty(3), np.empty(3), np.empty(3)
-    _step(weights, strides, k, step)
-    before[:], after[:] = step, step
-    if looping or k > 0:
-        _step(weights, strides, k - 1, before)
-    if looping or k < intervals - 1:
-        _step(weights, strides, k + 1, after)
+    step = _step(weights, strides, k)
+    before = _step(weights, strides, k - 1) if looping or k > 0 else step
+    after = _step(weights, strides, k + 1) if looping or k < intervals - 1 else step
     for a in range(3):
         start, end = 0.5 * (before[a] + step[a]), 0.5 * (step[a] + after[a])
         slope = 6.0 * u * (1.0 - u) * step[a] + (1.0 - u) * (1.0 - 3.0 * u) * start + u * (3.0 * u - 2.0) * end

@@ -1,0 +1,165 @@
+"""Streams: ``WS /v1/stream``. One task per connection reads and answers; the tick loop writes poses."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from contextlib import suppress
+from typing import Any
+
+import anyio
+import numpy as np
+import structlog
+from pydantic import ValidationError
+from starlette.routing import WebSocketRoute
+from starlette.types import Receive, Scope, Send
+
+from service import errors
+from service.errors import BadMessage, ServiceError
+from service.messages import CLIENT, Close, Open, Ping, Resume, Set, Switch
+from service.serving import Serving
+from service.stream.hub import Hub
+from service.stream.session import Connection, Session
+from verbs.errors import VerbError
+
+__all__ = ["SUBPROTOCOL", "route"]
+
+SUBPROTOCOL = "adverb.v1"
+OP_AIM = 0x10
+TOO_MANY = 4029
+
+log = structlog.get_logger("adverb.stream")
+
+_AIM = struct.Struct("<BBH")
+
+TURN = 32
+"""Messages of one client after which the others get a turn."""
+
+_LEFT = {1000, 1001}
+"""Codes with which a client says that it does not come back."""
+
+
+def route(serving: Serving) -> WebSocketRoute:
+    """The route; its endpoint speaks ASGI, since every layer in between would be paid per frame."""
+    return WebSocketRoute("/v1/stream", _Endpoint(serving), name="stream")
+
+
+class _Endpoint:
+    def __init__(self, serving: Serving) -> None:
+        self._serving = serving
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection."""
+        hub = self._serving.hub
+        await receive()  # websocket.connect
+        offered = scope.get("subprotocols", [])
+        accept: dict[str, Any] = {"type": "websocket.accept"}
+        if SUBPROTOCOL in offered:
+            accept["subprotocol"] = SUBPROTOCOL
+        await send(accept)
+        if hub.draining or hub.full:
+            reason = "the server is stopping" if hub.draining else "the server holds as many streams as it may"
+            await send({"type": "websocket.close", "code": 1012 if hub.draining else TOO_MANY, "reason": reason})
+            return
+        with anyio.CancelScope() as reading:
+            connection = Connection(send, reading)
+            talk = _Talk(hub, connection)
+            try:
+                await talk.listen(receive)
+            finally:
+                with anyio.CancelScope(shield=True):
+                    await hub.leave(talk.session, connection, for_good=talk.left)
+        if connection.ending is not None:
+            code, reason = connection.ending
+            with anyio.move_on_after(5.0), suppress(Exception):  # the client may be gone, in one of several ways
+                await send({"type": "websocket.close", "code": code, "reason": reason})
+
+
+class _Talk:
+    """One connection's conversation."""
+
+    def __init__(self, hub: Hub, connection: Connection) -> None:
+        self.hub, self.connection, self.left = hub, connection, False
+        self.session: Session = hub.join(connection)
+
+    async def listen(self, receive: Receive) -> None:
+        """Say hello, then do what the client asks until it leaves."""
+        self.session.say(
+            {
+                "op": "hello",
+                "session": self.session.id,
+                "server_time_ns": self.hub.server_time_ns(),
+                "max_channels": self.hub.settings.stream_channels,
+                "grace_s": self.hub.settings.stream_grace_s,
+            }
+        )
+        count = 0
+        while True:
+            message = await receive()
+            if message["type"] == "websocket.disconnect":
+                self.left = message.get("code") in _LEFT
+                return
+            await self._hear(message)
+            count += 1
+            if count % TURN == 0:
+                await asyncio.sleep(0)
+            await self._breathe()
+
+    async def _breathe(self) -> None:
+        """Do not read faster than the client reads. Nothing tells when there is room again, so this looks."""
+        pause = 0.005
+        while not self.connection.flush():
+            await asyncio.sleep(pause)
+            pause = min(2 * pause, 0.1)
+
+    async def _hear(self, message: Any) -> None:
+        channel: int | None = None
+        try:
+            if message.get("text") is not None:
+                asked = _parsed(message["text"])
+                channel = getattr(asked, "channel", None)
+                await self._do(asked)
+            else:
+                channel, row = _aimed(message["bytes"])
+                await self.hub.aim(self.session, channel, row)
+        except (ServiceError, VerbError) as err:
+            self._complain(channel, *errors.code_of(err))
+        except Exception:
+            log.exception("stream message failed", session=self.session.id)
+            self._complain(channel, "internal_error", "something went wrong inside the server; its log says what")
+
+    def _complain(self, channel: int | None, code: str, detail: str) -> None:
+        self.session.say({"op": "error", "channel": channel, "code": code, "detail": detail})
+
+    async def _do(self, asked: Open | Set | Switch | Close | Ping | Resume) -> None:
+        hub, session = self.hub, self.session
+        match asked:
+            case Open():
+                await hub.open(session, asked)
+            case Set():
+                await hub.set(session, asked)
+            case Switch():
+                await hub.switch(session, asked)
+            case Close():
+                await hub.close(session, asked.channel)
+            case Ping():
+                session.say({"op": "pong", "t": asked.t, "server_time_ns": hub.server_time_ns()})
+            case Resume():
+                self.session = await hub.resume(session, asked.session, asked.last_seq)
+
+
+def _parsed(content: str) -> Open | Set | Switch | Close | Ping | Resume:
+    try:
+        return CLIENT.validate_json(content)
+    except ValidationError as err:
+        first = err.errors(include_url=False, include_input=False)[0]
+        at = ".".join(str(part) for part in first["loc"])[:200]
+        raise BadMessage(f"{at}: {first['msg']}" if at else str(first["msg"])) from err
+
+
+def _aimed(content: bytes) -> tuple[int, np.ndarray[Any, np.dtype[np.float64]]]:
+    if len(content) < 8 or len(content) % 4 or content[0] != OP_AIM:
+        raise BadMessage(
+            f"a binary message is 0x10, 0, channel as u16, then the verb's adverbs as f32; {len(content)} bytes came"
+        )
+    return _AIM.unpack_from(content)[2], np.frombuffer(content, "<f4", offset=4).astype(np.float64)

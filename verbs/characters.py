@@ -1,0 +1,421 @@
+"""Characters that live: many of one verb, each with goal, phase, place and transition, stepped together.
+
+A server's tick and a game's frame are one call of :meth:`Characters.step`: adverbs run after their goals, phases go
+on, poses come out, in a handful of compiled calls however many characters there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from verbs import transition
+from verbs.blend.corrected import Corrected
+from verbs.conventions import F64, I64
+from verbs.errors import OutOfRange
+from verbs.evaluate import Blend, Evaluator
+from verbs.kernels import live
+from verbs.kernels import pose as poses
+
+__all__ = ["HALF_LIFE_S", "MAX_SPEED", "MAX_TRANSITION_S", "RESTART_S", "VERSION_S", "Characters", "Frames"]
+
+HALF_LIFE_S = 0.1
+MAX_SPEED = 10.0
+MAX_TRANSITION_S = 5.0
+VERSION_S = 0.15
+"""Length of the transition from one version of a verb to the next."""
+RESTART_S = 0.3
+"""Length of the transition with which a motion that does not loop starts over."""
+
+_HALVED = 1.6783469900166605
+"""Where (1 + x) · exp(-x) is one half: a critically damped spring from rest has gone half its way."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """One frame of B characters.
+
+    Parameters
+    ----------
+    blend : Blend
+    ends : (B, 8) float64
+        Phase, seconds and more, see :mod:`verbs.kernels.live`.
+    root : (B, 3) float64
+        In the world, metres.
+    rotations : (B, J, 4) float64
+        Local; the root's in the world.
+    in_transition : (B,) bool
+    """
+
+    blend: Blend
+    ends: F64
+    root: F64
+    rotations: F64
+    in_transition: npt.NDArray[np.bool_]
+
+
+class Characters:
+    """Characters of one verb and method.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+    method : str, optional
+        The verb's own unless given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from verbs import Characters, Evaluator, library
+    >>> people = Characters(Evaluator(library.load("reach")))
+    >>> anna = people.add({"x": -0.3, "y": 1.2, "z": 0.5})
+    >>> frames = people.step(np.array([anna]), 1 / 60)
+    >>> frames.root.shape, frames.rotations.shape
+    ((1, 3), (1, 22, 4))
+    """
+
+    def __init__(self, evaluator: Evaluator, method: str | None = None) -> None:
+        self.evaluator, self.verb = evaluator, evaluator.verb
+        self.method, self._way = evaluator.method(method)
+        self.window = evaluator.follow_window() if isinstance(self._way, Corrected) else None
+        self._striding = self.verb.root_motion == poses.STRIDE
+        self._hold = _hold_arguments(self._way) if self.window else ()
+        self._free: list[int] = []
+        self._grow(16)
+
+    def __len__(self) -> int:
+        return len(self.state) - len(self._free)
+
+    def add(
+        self,
+        adverbs: Mapping[str, float] | F64 | None = None,
+        *,
+        phase: float = 0.0,
+        speed: float = 1.0,
+        playing: bool = True,
+        looping: bool | None = None,
+        half_life_s: float = HALF_LIFE_S,
+    ) -> int:
+        """A new character; return its slot.
+
+        Parameters
+        ----------
+        adverbs : mapping or (D,) float64, optional
+            The middle of the domain unless given.
+        phase : float
+            0 to 1.
+        speed : float
+            -10 to 10; 1 is the examples' own.
+        playing : bool
+        looping : bool, optional
+            As the verb does unless given. A motion that does not loop by itself starts over with a transition.
+        half_life_s : float
+            Seconds in which half of the way to a new goal is done; 0 is at once.
+
+        Raises
+        ------
+        RequestError
+            An adverb is unknown, missing or not finite, or a number is out of range.
+        """
+        row = self.row(adverbs)
+        if not self._free:
+            self._grow(2 * len(self.state))
+        slot = self._free.pop()
+        self.state[slot] = 0.0
+        self.state[slot, [live.SPEED, live.FRESH]] = 1.0
+        self.asked[slot] = row
+        self._shown[slot] = self.verb.domain.chart.points(row[None])[0]
+        self._velocity[slot] = 0.0
+        self._known[slot] = 0
+        try:
+            loops = self.verb.looping if looping is None else looping
+            self.set(slot, phase=phase, speed=speed, playing=playing, looping=loops, half_life_s=half_life_s)
+        except OutOfRange:
+            self.remove(slot)
+            raise
+        return slot
+
+    def remove(self, slot: int) -> None:
+        """Forget a character; its slot will be another's."""
+        self._free.append(slot)
+
+    def row(self, adverbs: Mapping[str, float] | F64 | None) -> F64:
+        """Checked adverbs (D,); the middle of the domain for None."""
+        if adverbs is None:
+            domain = self.verb.domain
+            rows = domain.chart.adverbs(domain.middle[None])
+        elif isinstance(adverbs, Mapping):
+            rows = self.evaluator.adverbs(adverbs)
+        else:
+            rows = self.evaluator.check(np.atleast_2d(adverbs))
+        return np.asarray(rows[0])
+
+    def aim(self, slot: int, row: F64) -> None:
+        """Give a character another goal (D,), which was checked."""
+        self.asked[slot] = row
+
+    def set(
+        self,
+        slot: int,
+        *,
+        phase: float | None = None,
+        speed: float | None = None,
+        playing: bool | None = None,
+        looping: bool | None = None,
+        half_life_s: float | None = None,
+    ) -> None:
+        """Change how a character plays; a phase is gone to at once. Raises :class:`OutOfRange`."""
+        row = self.state[slot]
+        for name, value, low, high in (
+            ("phase", phase, 0.0, 1.0),
+            ("speed", speed, -MAX_SPEED, MAX_SPEED),
+            ("half_life", half_life_s, 0.0, 10.0),
+        ):
+            if value is not None and not low <= value <= high:  # NaN compares false, so this catches it as well
+                raise OutOfRange(f"{name} is {value}; it must lie between {low:g} and {high:g}")
+        if phase is not None:
+            row[live.PHASE], row[live.FRESH] = phase, 1.0
+        if speed is not None:
+            row[live.SPEED] = speed
+        if playing is not None:
+            row[live.PLAYING] = playing
+        if looping is not None:
+            row[live.LOOP] = looping
+        if half_life_s is not None:
+            row[live.DECAY] = _HALVED / half_life_s if half_life_s > 0 else 0.0
+
+    def phase(self, slot: int) -> float:
+        """Where a character is in its motion."""
+        return float(self.state[slot, live.PHASE])
+
+    def step(self, slots: I64, step_s: float) -> Frames:
+        """The next frame of the characters in ``slots`` (B,), each at most once, ``step_s`` seconds on."""
+        size = len(slots)
+        adverbs, blend = self._blend(slots, step_s)
+        ends = np.empty((size, live.REPORTS))
+        self._advance(slots, step_s, self.state, blend.weights, ends)
+        for b in np.flatnonzero(ends[:, live.RESTARTED]):
+            self._restart(int(slots[b]), blend.weights[b : b + 1], step_s)
+        if self._hold and live.any_held(slots, self.state):
+            self._follow(slots, step_s, adverbs, blend)
+        root, rotations = np.empty((size, 3)), np.empty((size, len(self.verb.skeleton), 4))
+        self._pose(slots, step_s, self.state, self._offsets, self._last, blend.weights, ends, root, rotations)
+        return Frames(blend, ends, root, rotations, self.state[slots, live.LENGTH] > 0)
+
+    def go_on(
+        self,
+        other: Characters,
+        slot: int,
+        adverbs: Mapping[str, float] | F64 | None = None,
+        *,
+        phase: float | None = None,
+        transition_s: float = RESTART_S,
+        same: bool = False,
+    ) -> int:
+        """A character of this verb that goes on from one of another; return its slot. The other stays as it is.
+
+        Parameters
+        ----------
+        other, slot
+            Whom it goes on from; how it plays is taken from there.
+        adverbs : optional
+            The middle of the domain unless given.
+        phase : float, optional
+            Where it starts; see :func:`verbs.transition.start_phase`.
+        transition_s : float
+            0 to 5; 0 cuts.
+        same : bool
+            The verb is the same one in another version: goal, phase and place are kept.
+
+        Raises
+        ------
+        SkeletonMismatch
+            The verbs move different joints.
+        RequestError
+            See :meth:`add`.
+        """
+        transition.check_skeletons(other.verb, self.verb)
+        if not 0.0 <= transition_s <= MAX_TRANSITION_S:
+            raise OutOfRange(f"transition_s is {transition_s}; it must lie between 0 and {MAX_TRANSITION_S:g}")
+        was = other.state[slot].copy()
+        if same:
+            adverbs, phase = other.asked[slot], other.phase(slot)
+        elif phase is None:
+            phase = transition.start_phase(other.verb, other.phase(slot), self.verb, speed=was[live.SPEED])
+        new = self.add(adverbs, phase=phase, speed=float(was[live.SPEED]))
+        row = self.state[new]
+        kept = [live.PLAYING, live.DECAY, live.STEP]
+        row[kept] = was[kept]
+        if not same:
+            row[live.PLAYING] = 1.0
+        else:
+            row[[live.LOOP, live.SHARE]] = was[[live.LOOP, live.SHARE]]
+            self._shown[new] = self.verb.domain.chart.points(other.verb.domain.chart.adverbs(other._shown[slot][None]))[
+                0
+            ]
+        if was[live.FRESH] == 1.0 and was[live.STEP] == 0.0:
+            return new  # nobody has seen it yet
+        self._last[new] = other._last[slot]
+        weights = self.evaluator.blend(self.asked[new][None], method=self.method).weights
+        place = was[[live.X, live.Z, live.HEADING]] if same else self._beside(new, weights, other, slot)
+        row[[live.X, live.Z, live.HEADING]] = place
+        self._begin(new, weights, transition_s)
+        row[live.FRESH] = 0.0 if same else 2.0
+        return new
+
+    def world(self, slot: int) -> tuple[float, float, float]:
+        """Where a character's root was shown last: x, z (m) and heading (rad)."""
+        last = self._last[slot, 1]
+        turn = float(self.state[slot, live.HEADING]) if self._striding else transition.heading(last[3:7])
+        return float(last[0]), float(last[2]), turn
+
+    def warm(self) -> None:
+        """Compile or load every kernel that a step may need, so that no frame waits for one."""
+        slots = np.array([self.add(playing=False)])
+        for _ in range(2):
+            self.step(slots, 0.01)
+        if self.window:
+            self.set(int(slots[0]), phase=self.window[0])
+            self.step(slots, 0.01)
+        after = self.go_on(self, int(slots[0]))
+        self.step(np.array([after]), 0.01)
+        for slot in (after, int(slots[0])):
+            self.remove(slot)
+
+    def _blend(self, slots: I64, step_s: float) -> tuple[F64, Blend]:
+        """Adverbs (B, D) that are shown now, and what they come to; blended anew only where they moved."""
+        chart, size = self.verb.domain.chart, len(slots)
+        points, moved = np.empty((size, len(self.verb.adverbs))), np.empty(size, np.int64)
+        goals = chart.points(self.asked[slots])
+        count = live.steer(slots, step_s, self.state, goals, self._shown, self._velocity, self._known, points, moved)
+        adverbs = chart.adverbs(points)
+        if count:
+            rows = moved[:count]
+            fresh = self.evaluator.blend(adverbs[rows], method=self.method)
+            if count == size:
+                self._keep(slots, fresh)
+                return adverbs, fresh
+            self._keep(slots[rows], fresh)
+        kept = self._weights[slots], self._measured[slots], self._error[slots], self._clamped[slots] > 0
+        return adverbs, Blend(self.method, *kept)
+
+    def _keep(self, slots: I64, blend: Blend) -> None:
+        self._weights[slots], self._measured[slots] = blend.weights, blend.measured
+        self._error[slots], self._clamped[slots] = blend.error, blend.clamped
+
+    def _beside(self, slot: int, weights: F64, other: Characters, whose: int) -> F64:
+        """Place of a character whose first frame stands where another's last one does."""
+        first = self._ahead(slot, weights)[0]
+        turn = 0.0 if self._striding else transition.heading(first[3:7])
+        return np.array(transition.placed(other.world(whose), np.array([first[0], first[2], turn])))
+
+    def _restart(self, slot: int, weights: F64, step_s: float) -> None:
+        """Let a motion that started over pass from its end to its start."""
+        now = self.state[slot, live.PHASE]
+        self.state[slot, live.PHASE] = 0.0 if self.state[slot, live.SPEED] > 0 else 1.0
+        self.state[slot, live.STEP] = step_s
+        self._begin(slot, weights, RESTART_S)
+        self.state[slot, live.PHASE] = now
+
+    def _begin(self, slot: int, weights: F64, transition_s: float) -> None:
+        """Start a transition from the last frames to the motion that is ahead."""
+        row = self.state[slot]
+        row[[live.SINCE, live.LENGTH]] = 0.0, transition_s
+        if transition_s > 0:
+            live.begin(row[live.STEP], self._last[slot], self._ahead(slot, weights), self._offsets[slot])
+
+    def _ahead(self, slot: int, weights: F64) -> F64:
+        """The next two frames (2, 3 + 4·J) of a character at its phase, without transition."""
+        state = self.state[slot : slot + 1].copy()
+        state[0, [live.FRESH, live.LENGTH]] = 1.0, 0.0
+        none, step_s = np.zeros(1, np.int64), float(state[0, live.STEP])
+        ends, root, rotations = np.empty((1, live.REPORTS)), np.empty((1, 3)), np.empty((1, len(self.verb.skeleton), 4))
+        last = np.zeros((1, *self._last.shape[1:]))
+        for _ in range(2):
+            self._advance(none, step_s, state, weights, ends)
+            self._pose(none, step_s, state, self._offsets[:1], last, weights, ends, root, rotations)
+        return np.asarray(last[0])
+
+    def _advance(self, slots: I64, step_s: float, state: F64, weights: F64, ends: F64) -> None:
+        verb = self.verb
+        live.advance(slots, step_s, state, weights, self.evaluator.goal.log_lengths, verb.phases, verb.looping, ends)
+
+    def _pose(
+        self,
+        slots: I64,
+        step_s: float,
+        state: F64,
+        offsets: F64,
+        last: F64,
+        weights: F64,
+        ends: F64,
+        root: F64,
+        rotations: F64,
+    ) -> None:
+        verb = self.verb
+        if self._striding:
+            live.walk(slots, state, weights, verb.strides, ends)
+        phases = np.ascontiguousarray(ends[:, live.AT])
+        poses.blend(weights, phases, verb.curves, verb.rotation_mode, verb.references, root, rotations)
+        live.settle(slots, step_s, state, offsets, last, self._striding, root, rotations)
+
+    def _follow(self, slots: I64, step_s: float, adverbs: F64, blend: Blend) -> None:
+        goal, inside = self.evaluator.goal, self.evaluator.clamp(adverbs)[0]
+        window = np.array(self.window)
+        live.hold(
+            slots,
+            step_s,
+            self.state,
+            window,
+            goal.points(inside),
+            goal.points(adverbs),
+            blend.weights,
+            blend.error,
+            *self._hold,
+        )
+
+    def _grow(self, capacity: int) -> None:
+        """Make room for so many characters."""
+        dims, joints, count = len(self.verb.adverbs), len(self.verb.skeleton), len(self.verb.examples)
+        had = len(getattr(self, "state", ()))
+        for name, shape in (
+            ("state", (live.COLUMNS,)),
+            ("asked", (dims,)),
+            ("_shown", (dims,)),
+            ("_velocity", (dims,)),
+            ("_offsets", (2, 3 + 3 * joints)),
+            ("_last", (2, 3 + 4 * joints)),
+            ("_weights", (count,)),
+            ("_measured", (len(self.verb.measure.axes),)),
+            ("_error", ()),
+            ("_clamped", ()),
+            ("_known", ()),
+        ):
+            larger = np.zeros((capacity, *shape), np.int64 if name == "_known" else np.float64)
+            if had:
+                larger[:had] = getattr(self, name)
+            setattr(self, name, larger)
+        self._free.extend(range(capacity - 1, had - 1, -1))
+
+    state: F64
+    asked: F64
+    _shown: F64
+    _velocity: F64
+    _offsets: F64
+    _last: F64
+    _weights: F64
+    _measured: F64
+    _error: F64
+    _clamped: F64
+    _known: I64
+
+
+def _hold_arguments(way: Any) -> tuple[Any, ...]:
+    """The arguments of :func:`verbs.kernels.live.hold` that do not change."""
+    goal, verb = way.goal, way.goal.verb
+    chain = verb.skeleton.chain(verb.measure.effector)[:-1]
+    return (verb.curves, chain, way.held, way.scale, way.rules, verb.rotation_mode, goal.references, goal.offsets)

@@ -1,0 +1,381 @@
+"""Characters in motion, a row of state each: goals that are run after, phases that go on, transitions that decay.
+
+``state`` is (C, :data:`COLUMNS`) float64, one row per character; ``slots`` (B,) are the rows of a batch. Rows of
+``ends`` are written for whoever asked for the batch.
+
+Source: ``docs/math.md``, section "Live characters".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from verbs.conventions import F32, F64, I64
+from verbs.kernels import correct, timewarp
+from verbs.kernels.compile import kernel
+from verbs.kernels.pose import multiply, spline_taps, stride_to
+
+__all__ = [
+    "COLUMNS",
+    "DECAY",
+    "ENDED",
+    "FRESH",
+    "FROM",
+    "HEADING",
+    "LENGTH",
+    "LOOP",
+    "PASSED",
+    "PHASE",
+    "PLAYING",
+    "REPORTS",
+    "RESTARTED",
+    "SHARE",
+    "SINCE",
+    "SPEED",
+    "STEP",
+    "TO",
+    "X",
+    "Z",
+    "advance",
+    "any_held",
+    "begin",
+    "goals_at",
+    "hold",
+    "settle",
+    "steer",
+    "walk",
+]
+
+(PHASE, SPEED, PLAYING, LOOP, FRESH, DECAY, SHARE, X, Z, HEADING, SINCE, LENGTH, STEP) = range(13)
+"""Columns of ``state``: canonical time; speed; whether it plays; whether it loops; 1 before the first frame, which
+shows it where it is, 2 where that frame is a step on already, 0 afterwards; the goal's decay (1/s, 0 follows at once);
+how far a held pose follows its goal (0 to 1); the root's place (m, m, rad); seconds since a transition began, and its
+length (0: none); seconds between the last two frames."""
+COLUMNS = 13
+
+(AT, TIME, DURATION, FROM, TO, PASSED, ENDED, RESTARTED) = range(8)
+"""Columns of ``ends`` that :func:`advance` writes: phase, seconds, seconds of the whole; the phases between which it
+went on, unwrapped; whether keytimes passed; whether an end was reached, or reached and started over."""
+REPORTS = 8
+
+FADE_S = 0.2
+"""Seconds in which a held pose turns to its goal, or away from it."""
+
+SETTLED = 1e-8
+"""Distance and velocity, in chart units, at which a goal counts as reached: far below what anybody can see."""
+
+
+@kernel
+def steer(
+    slots: I64, step_s: float, state: F64, goals: F64, shown: F64, velocities: F64, known: I64, out: F64, moved: I64
+) -> int:
+    """Move what is shown toward the goals, critically damped and exact for any step; ``out`` (B, D) is the result.
+
+    ``goals`` are (B, D), ``shown`` and ``velocities`` (C, D), in coordinates in which the domain is convex. Return how
+    many are written to ``moved`` (B,): those that are elsewhere than in their last frame, or whose ``known`` (C,) is 0;
+    it becomes 1.
+    """
+    count = 0
+    for b in range(slots.shape[0]):
+        s = slots[b]
+        rate = state[s, DECAY]
+        fall = np.exp(-rate * step_s)
+        still = known[s] == 1
+        for a in range(goals.shape[1]):
+            away = shown[s, a] - goals[b, a]
+            still = still and away == 0.0 and velocities[s, a] == 0.0
+            pull = velocities[s, a] + rate * away
+            if rate <= 0.0 or (abs(away) < SETTLED and abs(velocities[s, a]) < SETTLED):
+                shown[s, a] = goals[b, a]
+                velocities[s, a] = 0.0
+            else:
+                shown[s, a] = goals[b, a] + (away + pull * step_s) * fall
+                velocities[s, a] = (velocities[s, a] - rate * pull * step_s) * fall
+            out[b, a] = shown[s, a]
+        if not still:
+            known[s] = 1
+            moved[count] = b
+            count += 1
+    return count
+
+
+@kernel
+def _marks_below(phases: F64, at: float) -> int:
+    """How many keytimes lie at or before an unwrapped phase."""
+    cycle = np.floor(at)
+    count = int(cycle) * phases.shape[0]
+    for m in range(phases.shape[0]):
+        if phases[m] <= at - cycle:
+            count += 1
+    return count
+
+
+@kernel
+def advance(
+    slots: I64, step_s: float, state: F64, weights: F64, log_lengths: F64, phases: F64, looping: bool, ends: F64
+) -> None:
+    """Let phases go on by one step at the weights (B, N) of this frame; write ``ends`` (B, REPORTS).
+
+    Seconds per phase are those of ``timewarp``.
+    """
+    count = phases.shape[0]
+    keytimes, tangents = np.empty(count), np.empty(count)
+    for b in range(slots.shape[0]):
+        row, end = state[slots[b]], ends[b]
+        timewarp.blend_keytimes(weights[b], log_lengths, keytimes)
+        timewarp.slopes(phases, keytimes, looping, tangents)
+        duration = keytimes[count - 1]
+        start = row[PHASE]
+        moving = 0.0 if row[FRESH] == 1.0 else row[PLAYING]
+        seconds = timewarp.time_at(phases, keytimes, tangents, start) + moving * row[SPEED] * step_s
+        cycles, end[ENDED], end[RESTARTED] = 0.0, 0.0, 0.0
+        if row[LOOP] > 0.0:
+            cycles = np.floor(seconds / duration)
+            seconds -= cycles * duration
+            end[RESTARTED] = 1.0 if cycles != 0.0 and not looping else 0.0
+        elif moving > 0.0 and ((row[SPEED] > 0.0 and seconds >= duration) or (row[SPEED] < 0.0 and seconds <= 0.0)):
+            end[ENDED] = 1.0
+            row[PLAYING] = 0.0
+        seconds = min(max(seconds, 0.0), duration)
+        if moving * row[SPEED] != 0.0:
+            row[PHASE] = timewarp.phase_at(phases, keytimes, tangents, seconds)
+            if row[LOOP] > 0.0 and row[PHASE] >= 1.0:
+                row[PHASE], seconds = 0.0, 0.0
+                cycles += 1.0
+        end[AT], end[TIME], end[DURATION] = row[PHASE], seconds, duration
+        # A keytime right where a character appears counts as passed.
+        behind = 0.0
+        if row[FRESH] > 0.0 and row[PLAYING] > 0.0:
+            behind = 1e-9 if row[SPEED] >= 0.0 else -1e-9
+        end[FROM], end[TO] = start - behind, row[PHASE] + cycles
+        end[PASSED] = 1.0 if _marks_below(phases, end[FROM]) != _marks_below(phases, end[TO]) else 0.0
+
+
+@kernel
+def walk(slots: I64, state: F64, weights: F64, strides: F64, ends: F64) -> None:
+    """Move the roots of a striding verb as far as :func:`advance` went, backwards too."""
+    gone = np.empty(3)
+    for b in range(slots.shape[0]):
+        row, start, stop = state[slots[b]], ends[b, FROM], ends[b, TO]
+        if abs(stop - start) < 2e-9:
+            continue
+        low, high = min(start, stop), max(start, stop)
+        shift = 1.0 - np.floor(low)  # strides wrap round, but never below phase 0
+        gone[:] = 0.0
+        stride_to(weights[b], strides, low + shift, high + shift, True, gone)
+        if stop < start:  # the way back: what leads from there to here, undone
+            cosine, sine = np.cos(gone[2]), np.sin(gone[2])
+            x, z = gone[0], gone[1]
+            gone[0], gone[1], gone[2] = -(x * cosine - z * sine), -(x * sine + z * cosine), -gone[2]
+        cosine, sine = np.cos(row[HEADING]), np.sin(row[HEADING])
+        row[X] += gone[0] * cosine + gone[1] * sine
+        row[Z] += -gone[0] * sine + gone[1] * cosine
+        row[HEADING] = (row[HEADING] + gone[2] + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@kernel
+def any_held(slots: I64, state: F64) -> bool:
+    """Whether :func:`hold` has anything to do."""
+    for b in range(slots.shape[0]):
+        row = state[slots[b]]
+        if row[SHARE] > 0.0 or row[PLAYING] * row[SPEED] == 0.0:
+            return True
+    return False
+
+
+@kernel
+def goals_at(phase: float, curves: F32, chain: I64, starts: F64, rows: F64) -> None:
+    """Every example's root (3, N) and chain of rotation rows (4·L, N) at any phase, as correction wants them."""
+    taps = np.empty(4)
+    first = spline_taps(phase, curves.shape[0] - 3, taps)
+    starts[:] = 0.0
+    rows[:] = 0.0
+    for tap in range(4):
+        for i in range(curves.shape[1]):
+            source = curves[first + tap, i]
+            for a in range(3):
+                starts[a, i] += taps[tap] * source[a]
+            for link in range(chain.shape[0]):
+                for a in range(4):
+                    rows[4 * link + a, i] += taps[tap] * source[4 + 4 * chain[link] + a]
+
+
+@kernel
+def hold(
+    slots: I64,
+    step_s: float,
+    state: F64,
+    window: F64,
+    goals: F64,
+    asked: F64,
+    weights: F64,
+    error: F64,
+    curves: F32,
+    chain: I64,
+    held: F64,
+    units: F64,
+    rules: F64,
+    mode: int,
+    references: F64,
+    offsets: F64,
+) -> None:
+    """Where a character is held within the follow window, correct its weights at that very phase.
+
+    ``goals`` (B, 3) are effector positions inside the domain, ``asked`` (B, 3) those that were asked for; the
+    distance to these becomes the error (B,). Elsewhere weights and errors stay, after a fade.
+    """
+    count = weights.shape[1]
+    starts, rows = np.empty((3, count)), np.empty((4 * chain.shape[0], count))
+    turned, place = np.empty((1, count)), np.empty((1, 3))
+    for b in range(slots.shape[0]):
+        row = state[slots[b]]
+        still = row[PLAYING] * row[SPEED] == 0.0
+        inside = still and window[0] <= row[PHASE] <= window[1]
+        move = 1.0 if row[FRESH] > 0.0 else step_s / FADE_S
+        row[SHARE] = min(row[SHARE] + move, 1.0) if inside else max(row[SHARE] - move, 0.0)
+        if row[SHARE] == 0.0:
+            continue
+        u = row[SHARE]
+        share = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
+        goals_at(row[PHASE], curves, chain, starts, rows)
+        turned[0] = weights[b]
+        correct.correct_positions(turned, goals[b : b + 1], held, units, rules, mode, starts, rows, references, offsets)
+        for i in range(count):
+            weights[b, i] += share * (turned[0, i] - weights[b, i])
+        if inside:
+            correct.reach_positions(weights[b : b + 1], mode, starts, rows, references, offsets, place)
+            x, y, z = place[0, 0] - asked[b, 0], place[0, 1] - asked[b, 1], place[0, 2] - asked[b, 2]
+            error[b] = np.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def _log(q: F64, out: F64) -> None:
+    """Rotation vector (3,) of a unit quaternion (4,), the shorter way round."""
+    sign = -1.0 if q[3] < 0.0 else 1.0
+    sine = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    scale = sign * (2.0 * np.arctan2(sine, sign * q[3]) / sine if sine > 1e-9 else 2.0)
+    for a in range(3):
+        out[a] = scale * q[a]
+
+
+@kernel
+def _between(to: F64, source: F64, out: F64) -> None:
+    """Rotation vector (3,) that turns one unit quaternion (4,) into another, in their parent's axes."""
+    back, turn = np.empty(4), np.empty(4)
+    for a in range(3):
+        back[a] = -source[a]
+    back[3] = source[3]
+    multiply(to, back, turn)
+    _log(turn, out)
+
+
+@kernel
+def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
+    """Start a transition: how far, and how fast, the pose shown is off the motion that is to be shown.
+
+    Parameters
+    ----------
+    step_s : float
+        Seconds between the two rows of each of the next two.
+    last : (2, 3 + 4·J) float64
+        The last two frames that were shown: the one before, then the last. Root position, then rotations.
+    ahead : (2, 3 + 4·J) float64
+        The first two frames of the motion that follows.
+    offsets : (2, 3 + 3·J) float64
+        Written: offsets (m, rotation vectors) at its start, and their velocities.
+    """
+    joints = (last.shape[1] - 3) // 4
+    before, turn, back = np.empty(4), np.empty(4), np.empty(4)
+    early = np.empty(3)
+    for a in range(3):
+        offsets[0, a] = last[1, a] - ahead[0, a]
+        offsets[1, a] = (last[1, a] - last[0, a] - ahead[1, a] + ahead[0, a]) / step_s
+    for j in range(joints):
+        at, to = 3 + 4 * j, 3 + 3 * j
+        here = ahead[0, at : at + 4]
+        _between(last[1, at : at + 4], here, offsets[0, to : to + 3])
+        # One frame before its start, the motion is taken to have turned as in its first frame.
+        for a in range(3):
+            back[a] = -ahead[1, at + a]
+        back[3] = ahead[1, at + 3]
+        multiply(here, back, turn)
+        multiply(turn, here, before)
+        _between(last[0, at : at + 4], before, early)
+        _unwrap(early, offsets[0, to : to + 3])
+        for a in range(3):
+            offsets[1, to + a] = (offsets[0, to + a] - early[a]) / step_s
+
+
+@kernel
+def _unwrap(vector: F64, near: F64) -> None:
+    """Of the two rotation vectors (3,) of one rotation take the one nearer to another: half a turn has both."""
+    angle = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    dot = vector[0] * near[0] + vector[1] * near[1] + vector[2] * near[2]
+    if dot < 0.0 and angle > 0.5 * np.pi:
+        for a in range(3):
+            vector[a] *= 1.0 - 2.0 * np.pi / angle
+
+
+@kernel
+def settle(
+    slots: I64, step_s: float, state: F64, offsets: F64, shown: F64, striding: bool, root: F64, rotations: F64
+) -> None:
+    """Put poses (B, 3), (B, J, 4) into the world, add what is left of transitions, and remember what was shown.
+
+    A transition's offset x goes from x₀ and v₀ to rest by a quintic: position, velocity and acceleration end at zero.
+
+    Parameters
+    ----------
+    offsets : (C, 2, 3 + 3·J) float64
+        See :func:`begin`.
+    shown : (C, 2, 3 + 4·J) float64
+        The last two frames of each character; moved on by one.
+    striding : bool
+        Whether the root's place is all of its travel.
+    """
+    joints = rotations.shape[1]
+    turn, local = np.zeros(4), np.empty(4)
+    for b in range(slots.shape[0]):
+        s = slots[b]
+        row = state[s]
+        cosine, sine = np.cos(row[HEADING]), np.sin(row[HEADING])
+        x, z = (0.0, 0.0) if striding else (root[b, 0], root[b, 2])
+        root[b, 0], root[b, 2] = row[X] + x * cosine + z * sine, row[Z] - x * sine + z * cosine
+        turn[0], turn[1], turn[2], turn[3] = 0.0, np.sin(0.5 * row[HEADING]), 0.0, np.cos(0.5 * row[HEADING])
+        local[:] = rotations[b, 0]
+        multiply(turn, local, rotations[b, 0])
+        if row[LENGTH] > 0.0:
+            _decay(step_s, row, offsets[s], turn, local, root[b], rotations[b])
+        row[STEP], row[FRESH] = step_s, 0.0
+        for a in range(shown.shape[2]):
+            shown[s, 0, a] = shown[s, 1, a]
+        for a in range(3):
+            shown[s, 1, a] = root[b, a]
+        for j in range(joints):
+            for a in range(4):
+                shown[s, 1, 3 + 4 * j + a] = rotations[b, j, a]
+
+
+@kernel
+def _decay(step_s: float, row: F64, offset: F64, turn: F64, local: F64, root: F64, rotations: F64) -> None:
+    """Add what is left of one character's transition to its pose."""
+    row[SINCE] += step_s
+    length = row[LENGTH]
+    u = row[SINCE] / length
+    if u >= 1.0 - 1e-9:
+        row[LENGTH] = 0.0
+        return
+    keep = 1.0 - u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
+    carry = length * u * (1.0 - u * u * (6.0 - 8.0 * u + 3.0 * u * u))
+    for a in range(3):
+        root[a] += keep * offset[0, a] + carry * offset[1, a]
+    for j in range(rotations.shape[0]):
+        at = 3 + 3 * j
+        vx = keep * offset[0, at] + carry * offset[1, at]
+        vy = keep * offset[0, at + 1] + carry * offset[1, at + 1]
+        vz = keep * offset[0, at + 2] + carry * offset[1, at + 2]
+        angle = np.sqrt(vx * vx + vy * vy + vz * vz)
+        scale = np.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
+        turn[0], turn[1], turn[2], turn[3] = scale * vx, scale * vy, scale * vz, np.cos(0.5 * angle)
+        local[:] = rotations[j]
+        multiply(turn, local, rotations[j])

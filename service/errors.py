@@ -151,9 +151,7 @@ PROBLEMS: dict[str, Problem] = {
         Problem(422, "unknown_space", "Unknown space", _UNKNOWN),
         Problem(422, "out_of_range", "Out of range", "The detail says which number, and its bounds."),
         Problem(422, "bad_request", "Request cannot be answered", "The detail says why."),
-        Problem(
-            400, "bad_message", "Message cannot be read", "In streams. docs/wire.md lists messages and their fields."
-        ),
+        Problem(400, "bad_message", "Message cannot be read", "In streams. See docs/wire.md for messages."),
         Problem(404, "unknown_channel", "Unknown channel", "In streams. Open it first."),
         Problem(409, "channel_in_use", "Channel in use", "In streams. Close it first, or switch it."),
         Problem(422, "skeleton_mismatch", "Other skeleton", "In streams. Open another channel for that verb."),

@@ -227,3 +227,4 @@ class Drain(_Said):
 
 
 ServerMessage = Annotated[Hello | Opened | Version | Event | End | Pong | Error | Drain, Field(discriminator="op")]
+SERVER: TypeAdapter[Hello | Opened | Version | Event | End | Pong | Error | Drain] = TypeAdapter(ServerMessage)

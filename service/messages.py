@@ -135,13 +135,17 @@ class Hello(_Said):
     grace_s: float
 
 
-class _Skeleton(_Said):
+class StreamSkeleton(_Said):
+    """Joints, in the order of the verb; offsets in the channel's frame."""
+
     names: list[str]
     parents: list[int]
     offsets: list[list[float]]
 
 
-class _Adverb(_Said):
+class StreamAdverb(_Said):
+    """One adverb, and its range over the examples."""
+
     name: str
     unit: str
     min: float
@@ -149,7 +153,9 @@ class _Adverb(_Said):
     style: bool
 
 
-class _Keytime(_Said):
+class StreamKeytime(_Said):
+    """A keytime, and where it lies in the motion."""
+
     name: str
     phase: float
 
@@ -162,15 +168,15 @@ class Opened(_Said):
     verb: str
     version: int
     method: str
-    skeleton: _Skeleton
-    adverbs: list[_Adverb]
+    skeleton: StreamSkeleton
+    adverbs: list[StreamAdverb]
     joints: list[str]
     encoding: Literal["f32", "q48", "weights"]
     space: Space
     frame: Literal["gltf", "unity", "unreal", "zup"]
     fps: int
     looping: bool
-    keytimes: list[_Keytime]
+    keytimes: list[StreamKeytime]
     follow: Annotated[list[float] | None, Field(min_length=2, max_length=2)]
     record_bytes: int
     resumed: bool

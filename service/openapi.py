@@ -44,7 +44,8 @@ def _document(app: FastAPI) -> dict[str, Any]:
     known = document.setdefault("components", {}).setdefault("schemas", {})
     for name, adapter in (("ClientMessage", messages.CLIENT), ("ServerMessage", messages.SERVER)):
         union = adapter.json_schema(ref_template="#/components/schemas/{model}")
-        known |= union.pop("$defs")
+        for part, schema in union.pop("$defs").items():
+            known.setdefault(part, schema)
         known[name] = union
     _, definitions = models_json_schema(
         [(model, "validation") for model in _READ_BY_HANDLERS], ref_template="#/components/schemas/{model}"

@@ -67,6 +67,7 @@ class Open(_Asked):
     play: bool = True
     loop: bool | None = None
     half_life: HalfLife = HALF_LIFE_S
+    follow: bool = True
 
 
 class Set(_Asked):
@@ -81,6 +82,7 @@ class Set(_Asked):
     loop: bool | None = None
     fps: Fps | None = None
     half_life: HalfLife | None = None
+    follow: bool | None = None
 
 
 class Switch(_Asked):

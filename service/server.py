@@ -11,6 +11,8 @@ import sys
 from collections.abc import Callable
 
 import uvicorn
+from fastapi import FastAPI
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from service import logs
 from service.app import create_app
@@ -18,7 +20,10 @@ from service.catalog import Catalog
 from service.settings import Settings
 from service.stream.hub import Hub
 
-__all__ = ["CannotServe", "serve"]
+__all__ = ["CannotServe", "Server", "config_of", "serve"]
+
+UNSENT_BYTES = 16_384
+"""Unsent bytes of a WebSocket beyond which poses are dropped."""
 
 DRAIN_S = 0.2
 """Time for goodbyes to be written before connections are closed."""
@@ -63,11 +68,32 @@ def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
         say(f"Adverb is ready on http://{shown}:{port} ({count} verb{'s' * (count != 1)}; docs at /docs)")
 
     app = create_app(settings, on_ready=ready)
-    config = uvicorn.Config(
+    # uvicorn stops on these signals and then raises them once more for whoever handled them before: nobody.
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
+    with listener:
+        Server(config_of(app, settings), app.state.serving.hub).run(sockets=[listener])
+
+
+class Sockets(WebSocketsSansIOProtocol):
+    """uvicorn's WebSockets with short buffers: what lies in a buffer is old by the time it is read."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Keep at most :data:`UNSENT_BYTES` here, and as much in the kernel."""
+        super().connection_made(transport)
+        transport.set_write_buffer_limits(high=UNSENT_BYTES)
+        if hasattr(socket, "TCP_NOTSENT_LOWAT"):
+            connection = transport.get_extra_info("socket")
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+
+
+def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:
+    """The settings of uvicorn that were measured best for this app."""
+    return uvicorn.Config(
         app,
         loop="uvloop",
         http="httptools",
-        ws="websockets-sansio",
+        ws=Sockets,
         ws_per_message_deflate=False,
         ws_max_size=65_536,
         ws_ping_interval=20.0,
@@ -77,14 +103,9 @@ def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
         server_header=False,
         timeout_graceful_shutdown=settings.shutdown_s,
     )
-    # uvicorn stops on these signals and then raises them once more for whoever handled them before: nobody.
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: None)
-    with listener:
-        _Server(config, app.state.serving.hub).run(sockets=[listener])
 
 
-class _Server(uvicorn.Server):
+class Server(uvicorn.Server):
     """uvicorn, which tells streams that it is about to stop before it closes them."""
 
     def __init__(self, config: uvicorn.Config, hub: Hub) -> None:

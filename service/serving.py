@@ -60,6 +60,7 @@ class Serving:
         """Answer for these verbs from now on."""
         self.metrics.serving(catalog)
         self.catalog = catalog
+        self.hub.offer(catalog)
         self.ready.set()
         if self._on_ready is not None:
             self._on_ready(catalog)

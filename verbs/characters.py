@@ -19,7 +19,9 @@ from verbs.conventions import F64, I64
 from verbs.errors import OutOfRange
 from verbs.evaluate import Blend, Evaluator
 from verbs.kernels import live
+from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
+from verbs.slots import Slots
 
 __all__ = ["HALF_LIFE_S", "MAX_SPEED", "MAX_TRANSITION_S", "RESTART_S", "VERSION_S", "Characters", "Frames"]
 
@@ -58,7 +60,7 @@ class Frames:
     in_transition: npt.NDArray[np.bool_]
 
 
-class Characters:
+class Characters(Slots):
     """Characters of one verb and method.
 
     Parameters
@@ -79,16 +81,12 @@ class Characters:
     """
 
     def __init__(self, evaluator: Evaluator, method: str | None = None) -> None:
-        self.evaluator, self.verb = evaluator, evaluator.verb
+        super().__init__(evaluator.verb)
+        self.evaluator = evaluator
         self.method, self._way = evaluator.method(method)
         self.window = evaluator.follow_window() if isinstance(self._way, Corrected) else None
         self._striding = self.verb.root_motion == poses.STRIDE
         self._hold = _hold_arguments(self._way) if self.window else ()
-        self._free: list[int] = []
-        self._grow(16)
-
-    def __len__(self) -> int:
-        return len(self.state) - len(self._free)
 
     def add(
         self,
@@ -99,6 +97,7 @@ class Characters:
         playing: bool = True,
         looping: bool | None = None,
         half_life_s: float = HALF_LIFE_S,
+        following: bool = True,
     ) -> int:
         """A new character; return its slot.
 
@@ -115,6 +114,8 @@ class Characters:
             As the verb does unless given. A motion that does not loop by itself starts over with a transition.
         half_life_s : float
             Seconds in which half of the way to a new goal is done; 0 is at once.
+        following : bool
+            Whether the effector is on its goal while the character is held within the follow window.
 
         Raises
         ------
@@ -122,10 +123,7 @@ class Characters:
             An adverb is unknown, missing or not finite, or a number is out of range.
         """
         row = self.row(adverbs)
-        if not self._free:
-            self._grow(2 * len(self.state))
-        slot = self._free.pop()
-        self.state[slot] = 0.0
+        slot = self._take()
         self.state[slot, [live.SPEED, live.FRESH]] = 1.0
         self.asked[slot] = row
         self._shown[slot] = self.verb.domain.chart.points(row[None])[0]
@@ -133,15 +131,19 @@ class Characters:
         self._known[slot] = 0
         try:
             loops = self.verb.looping if looping is None else looping
-            self.set(slot, phase=phase, speed=speed, playing=playing, looping=loops, half_life_s=half_life_s)
+            self.set(
+                slot,
+                phase=phase,
+                speed=speed,
+                playing=playing,
+                looping=loops,
+                half_life_s=half_life_s,
+                following=following,
+            )
         except OutOfRange:
             self.remove(slot)
             raise
         return slot
-
-    def remove(self, slot: int) -> None:
-        """Forget a character; its slot will be another's."""
-        self._free.append(slot)
 
     def row(self, adverbs: Mapping[str, float] | F64 | None) -> F64:
         """Checked adverbs (D,); the middle of the domain for None."""
@@ -167,6 +169,7 @@ class Characters:
         playing: bool | None = None,
         looping: bool | None = None,
         half_life_s: float | None = None,
+        following: bool | None = None,
     ) -> None:
         """Change how a character plays; a phase is gone to at once. Raises :class:`OutOfRange`."""
         row = self.state[slot]
@@ -185,6 +188,8 @@ class Characters:
             row[live.PLAYING] = playing
         if looping is not None:
             row[live.LOOP] = looping
+        if following is not None:
+            row[live.FOLLOWS] = following
         if half_life_s is not None:
             row[live.DECAY] = _HALVED / half_life_s if half_life_s > 0 else 0.0
 
@@ -199,9 +204,9 @@ class Characters:
         ends = np.empty((size, live.REPORTS))
         self._advance(slots, step_s, self.state, blend.weights, ends)
         for b in np.flatnonzero(ends[:, live.RESTARTED]):
-            self._restart(int(slots[b]), blend.weights[b : b + 1], step_s)
+            self._restart(int(slots[b]), step_s)
         if self._hold and live.any_held(slots, self.state):
-            self._follow(slots, step_s, adverbs, blend)
+            self._follow(slots, step_s, self.state, adverbs, blend)
         root, rotations = np.empty((size, 3)), np.empty((size, len(self.verb.skeleton), 4))
         self._pose(slots, step_s, self.state, self._offsets, self._last, blend.weights, ends, root, rotations)
         return Frames(blend, ends, root, rotations, self.state[slots, live.LENGTH] > 0)
@@ -249,22 +254,19 @@ class Characters:
         new = self.add(adverbs, phase=phase, speed=float(was[live.SPEED]))
         row = self.state[new]
         kept = [live.PLAYING, live.DECAY, live.STEP]
+        if same:
+            kept += [live.LOOP, live.SHARE, live.X, live.Z, live.HEADING]
+            self._steer_as(new, other, slot)
         row[kept] = was[kept]
         if not same:
             row[live.PLAYING] = 1.0
-        else:
-            row[[live.LOOP, live.SHARE]] = was[[live.LOOP, live.SHARE]]
-            self._shown[new] = self.verb.domain.chart.points(other.verb.domain.chart.adverbs(other._shown[slot][None]))[
-                0
-            ]
         if was[live.FRESH] == 1.0 and was[live.STEP] == 0.0:
             return new  # nobody has seen it yet
         self._last[new] = other._last[slot]
-        weights = self.evaluator.blend(self.asked[new][None], method=self.method).weights
-        place = was[[live.X, live.Z, live.HEADING]] if same else self._beside(new, weights, other, slot)
-        row[[live.X, live.Z, live.HEADING]] = place
-        self._begin(new, weights, transition_s)
         row[live.FRESH] = 0.0 if same else 2.0
+        if not same:
+            self._stand(new, other.world(slot))
+        self._begin(new, self._ahead(new), transition_s)
         return new
 
     def world(self, slot: int) -> tuple[float, float, float]:
@@ -307,37 +309,57 @@ class Characters:
         self._weights[slots], self._measured[slots] = blend.weights, blend.measured
         self._error[slots], self._clamped[slots] = blend.error, blend.clamped
 
-    def _beside(self, slot: int, weights: F64, other: Characters, whose: int) -> F64:
-        """Place of a character whose first frame stands where another's last one does."""
-        first = self._ahead(slot, weights)[0]
+    def _steer_as(self, slot: int, other: Characters, whose: int) -> None:
+        """Let a character run after its goal as another of the same adverbs does."""
+        to, source = self.verb.domain.chart, other.verb.domain.chart
+        at, velocity, instant = other._shown[whose][None], other._velocity[whose], 1e-3
+        self._shown[slot] = to.points(source.adverbs(at))[0]
+        self._velocity[slot] = (to.points(source.adverbs(at + instant * velocity))[0] - self._shown[slot]) / instant
+
+    def _stand(self, slot: int, at: tuple[float, float, float]) -> None:
+        """Put a character's next frame at a place (x, z, heading)."""
+        place = [live.X, live.Z, live.HEADING]
+        self.state[slot, place] = 0.0
+        first = self._ahead(slot)[0]
         turn = 0.0 if self._striding else transition.heading(first[3:7])
-        return np.array(transition.placed(other.world(whose), np.array([first[0], first[2], turn])))
+        self.state[slot, place] = transition.placed(at, np.array([first[0], first[2], turn]))
 
-    def _restart(self, slot: int, weights: F64, step_s: float) -> None:
-        """Let a motion that started over pass from its end to its start."""
-        now = self.state[slot, live.PHASE]
-        self.state[slot, live.PHASE] = 0.0 if self.state[slot, live.SPEED] > 0 else 1.0
+    def _restart(self, slot: int, step_s: float) -> None:
+        """Let a motion that started over pass from its end to its start, a jump from where it led."""
         self.state[slot, live.STEP] = step_s
-        self._begin(slot, weights, RESTART_S)
-        self.state[slot, live.PHASE] = now
+        if self.verb.measure.kind == measures.JUMP:
+            self._stand(slot, self.world(slot))
+        ahead = self._ahead(slot)
+        live.step_back(ahead)  # it has gone on already, by less than a step
+        self._begin(slot, ahead, RESTART_S)
 
-    def _begin(self, slot: int, weights: F64, transition_s: float) -> None:
-        """Start a transition from the last frames to the motion that is ahead."""
+    def _begin(self, slot: int, ahead: F64, transition_s: float) -> None:
+        """Start a transition from the last frames to the two of the motion that is ahead."""
         row = self.state[slot]
         row[[live.SINCE, live.LENGTH]] = 0.0, transition_s
         if transition_s > 0:
-            live.begin(row[live.STEP], self._last[slot], self._ahead(slot, weights), self._offsets[slot])
+            live.begin(row[live.STEP], self._last[slot], ahead, self._offsets[slot])
+        else:
+            self._last[slot] = ahead[0]
 
-    def _ahead(self, slot: int, weights: F64) -> F64:
-        """The next two frames (2, 3 + 4·J) of a character at its phase, without transition."""
-        state = self.state[slot : slot + 1].copy()
-        state[0, [live.FRESH, live.LENGTH]] = 1.0, 0.0
-        none, step_s = np.zeros(1, np.int64), float(state[0, live.STEP])
+    def _ahead(self, slot: int) -> F64:
+        """A character's pose now, and a step on (2, 3 + 4·J), without transition."""
+        none, rows = np.zeros(1, np.int64), slice(slot, slot + 1)
+        state, shown, velocity = self.state[rows].copy(), self._shown[rows].copy(), self._velocity[rows].copy()
+        step_s, chart = float(state[0, live.STEP]), self.verb.domain.chart
+        state[0, live.LENGTH] = 0.0
+        state[0, live.FRESH] = 2.0 if state[0, live.FRESH] > 0 else 0.0  # both frames are steps, the first of 0 s
+        goals, points = chart.points(self.asked[rows]), np.empty_like(shown)
         ends, root, rotations = np.empty((1, live.REPORTS)), np.empty((1, 3)), np.empty((1, len(self.verb.skeleton), 4))
         last = np.zeros((1, *self._last.shape[1:]))
-        for _ in range(2):
-            self._advance(none, step_s, state, weights, ends)
-            self._pose(none, step_s, state, self._offsets[:1], last, weights, ends, root, rotations)
+        for step in (0.0, step_s):
+            live.steer(none, step, state, goals, shown, velocity, none.copy(), points, none.copy())
+            adverbs = chart.adverbs(points)
+            blend = self.evaluator.blend(adverbs, method=self.method)
+            self._advance(none, step, state, blend.weights, ends)
+            if self._hold and live.any_held(none, state):
+                self._follow(none, step, state, adverbs, blend)
+            self._pose(none, step, state, self._offsets[:1], last, blend.weights, ends, root, rotations)
         return np.asarray(last[0])
 
     def _advance(self, slots: I64, step_s: float, state: F64, weights: F64, ends: F64) -> None:
@@ -363,13 +385,13 @@ class Characters:
         poses.blend(weights, phases, verb.curves, verb.rotation_mode, verb.references, root, rotations)
         live.settle(slots, step_s, state, offsets, last, self._striding, root, rotations)
 
-    def _follow(self, slots: I64, step_s: float, adverbs: F64, blend: Blend) -> None:
+    def _follow(self, slots: I64, step_s: float, state: F64, adverbs: F64, blend: Blend) -> None:
         goal, inside = self.evaluator.goal, self.evaluator.clamp(adverbs)[0]
         window = np.array(self.window)
         live.hold(
             slots,
             step_s,
-            self.state,
+            state,
             window,
             goal.points(inside),
             goal.points(adverbs),
@@ -377,41 +399,6 @@ class Characters:
             blend.error,
             *self._hold,
         )
-
-    def _grow(self, capacity: int) -> None:
-        """Make room for so many characters."""
-        dims, joints, count = len(self.verb.adverbs), len(self.verb.skeleton), len(self.verb.examples)
-        had = len(getattr(self, "state", ()))
-        for name, shape in (
-            ("state", (live.COLUMNS,)),
-            ("asked", (dims,)),
-            ("_shown", (dims,)),
-            ("_velocity", (dims,)),
-            ("_offsets", (2, 3 + 3 * joints)),
-            ("_last", (2, 3 + 4 * joints)),
-            ("_weights", (count,)),
-            ("_measured", (len(self.verb.measure.axes),)),
-            ("_error", ()),
-            ("_clamped", ()),
-            ("_known", ()),
-        ):
-            larger = np.zeros((capacity, *shape), np.int64 if name == "_known" else np.float64)
-            if had:
-                larger[:had] = getattr(self, name)
-            setattr(self, name, larger)
-        self._free.extend(range(capacity - 1, had - 1, -1))
-
-    state: F64
-    asked: F64
-    _shown: F64
-    _velocity: F64
-    _offsets: F64
-    _last: F64
-    _weights: F64
-    _measured: F64
-    _error: F64
-    _clamped: F64
-    _known: I64
 
 
 def _hold_arguments(way: Any) -> tuple[Any, ...]:

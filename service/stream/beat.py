@@ -32,6 +32,8 @@ SLICE_S = 0.0005
 
 MAX_PLANS = 32
 _TOGETHER_S = 1e-6
+_MARGIN = 1e-6
+"""Of phase: a first step begins a little before where it starts, see :func:`verbs.kernels.live.advance`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,8 +241,8 @@ def _passed(names: tuple[str, ...], phases: list[float], looping: bool, end: F64
     start, stop = float(end[live.FROM]), float(end[live.TO])
     marks = list(zip(names, phases, strict=True))[: -1 if looping else None]
     low, high = min(start, stop), max(start, stop)
-    first = int(np.floor(low + 1e-6))  # a start may lie a little before phase 0, see live.advance
-    cycles = range(first, first + 3)
+    first = int(np.floor(low + _MARGIN))
+    cycles = range(first, first + 3) if low < -_MARGIN or high > 1.0 + _MARGIN else (0,)
     found = [
         (cycle + phase, name, phase)
         for cycle in cycles

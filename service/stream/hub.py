@@ -54,6 +54,7 @@ class Hub:
         self.draining = False
         self._groups: dict[tuple[str, int, str], Group] = {}
         self._wake = asyncio.Event()
+        self._offered: Catalog | None = None
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         now = time.monotonic()
         self._beats = [Beat(now + BEAT_S * _spread(k), metrics) for k in range(BEATS)]
@@ -68,9 +69,12 @@ class Hub:
         """Tick for ever."""
         sweep_at = time.monotonic() + SWEEP_S
         while True:
-            if await self._tick():
+            if await self._tick() and self._offered is None:
                 await asyncio.sleep(0)
                 continue
+            if self._offered is not None:
+                offered, self._offered = self._offered, None
+                await self._renew_all(offered)
             now = time.monotonic()
             if now >= sweep_at:
                 await self._sweep(now)
@@ -178,6 +182,7 @@ class Hub:
                 playing=asked.play,
                 looping=asked.loop,
                 half_life_s=asked.half_life,
+                following=asked.follow,
             )
             channel = Channel(asked.channel, session, group, slot, asked.fps, layout, asked)
             session.channels[asked.channel] = channel
@@ -202,6 +207,7 @@ class Hub:
                 playing=asked.play,
                 looping=asked.loop,
                 half_life_s=asked.half_life,
+                following=asked.follow,
             )
             if row is not None:
                 characters.aim(slot, row)
@@ -244,8 +250,12 @@ class Hub:
 
     # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
 
-    async def renew(self, catalog: Catalog) -> None:
-        """Let characters go on with the verbs of a new catalog, where these are other versions of theirs."""
+    def offer(self, catalog: Catalog) -> None:
+        """Let characters go on, from the next tick, with the verbs of a new catalog where these are other versions."""
+        self._offered = catalog
+        self._wake.set()
+
+    async def _renew_all(self, catalog: Catalog) -> None:
         for beat in self._beats:
             async with beat.lock:
                 for some in list(beat.channels.values()):
@@ -325,6 +335,7 @@ class Hub:
         over = now_s - self.settings.stream_grace_s
         for session in [one for one in self.sessions.values() if one.lost_at is not None and one.lost_at < over]:
             await self.forget(session)
+        self.metrics.streaming(sum(one.connected for one in self.sessions.values()), self.characters)
 
 
 def _names(entry: Entry) -> list[str]:

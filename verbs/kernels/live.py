@@ -19,6 +19,7 @@ __all__ = [
     "COLUMNS",
     "DECAY",
     "ENDED",
+    "FOLLOWS",
     "FRESH",
     "FROM",
     "HEADING",
@@ -43,15 +44,16 @@ __all__ = [
     "hold",
     "settle",
     "steer",
+    "step_back",
     "walk",
 ]
 
-(PHASE, SPEED, PLAYING, LOOP, FRESH, DECAY, SHARE, X, Z, HEADING, SINCE, LENGTH, STEP) = range(13)
+(PHASE, SPEED, PLAYING, LOOP, FRESH, DECAY, FOLLOWS, SHARE, X, Z, HEADING, SINCE, LENGTH, STEP) = range(14)
 """Columns of ``state``: canonical time; speed; whether it plays; whether it loops; 1 before the first frame, which
 shows it where it is, 2 where that frame is a step on already, 0 afterwards; the goal's decay (1/s, 0 follows at once);
-how far a held pose follows its goal (0 to 1); the root's place (m, m, rad); seconds since a transition began, and its
-length (0: none); seconds between the last two frames."""
-COLUMNS = 13
+whether a held pose follows its goal, and how far it does (0 to 1); the root's place (m, m, rad); seconds since a
+transition began, and its length (0: none); seconds between the last two frames."""
+COLUMNS = 14
 
 (AT, TIME, DURATION, FROM, TO, PASSED, ENDED, RESTARTED) = range(8)
 """Columns of ``ends`` that :func:`advance` writes: phase, seconds, seconds of the whole; the phases between which it
@@ -139,7 +141,7 @@ def advance(
         seconds = min(max(seconds, 0.0), duration)
         if moving * row[SPEED] != 0.0:
             row[PHASE] = timewarp.phase_at(phases, keytimes, tangents, seconds)
-            if row[LOOP] > 0.0 and row[PHASE] >= 1.0:
+            if row[LOOP] > 0.0 and looping and row[PHASE] >= 1.0:
                 row[PHASE], seconds = 0.0, 0.0
                 cycles += 1.0
         end[AT], end[TIME], end[DURATION] = row[PHASE], seconds, duration
@@ -148,7 +150,8 @@ def advance(
         if row[FRESH] > 0.0 and row[PLAYING] > 0.0:
             behind = 1e-9 if row[SPEED] >= 0.0 else -1e-9
         end[FROM], end[TO] = start - behind, row[PHASE] + cycles
-        end[PASSED] = 1.0 if _marks_below(phases, end[FROM]) != _marks_below(phases, end[TO]) else 0.0
+        passed = behind != 0.0 or _marks_below(phases, end[FROM]) != _marks_below(phases, end[TO])
+        end[PASSED] = 1.0 if passed else 0.0
 
 
 @kernel
@@ -178,7 +181,7 @@ def any_held(slots: I64, state: F64) -> bool:
     """Whether :func:`hold` has anything to do."""
     for b in range(slots.shape[0]):
         row = state[slots[b]]
-        if row[SHARE] > 0.0 or row[PLAYING] * row[SPEED] == 0.0:
+        if row[SHARE] > 0.0 or (row[FOLLOWS] > 0.0 and row[PLAYING] * row[SPEED] == 0.0):
             return True
     return False
 
@@ -222,7 +225,8 @@ def hold(
     """Where a character is held within the follow window, correct its weights at that very phase.
 
     ``goals`` (B, 3) are effector positions inside the domain, ``asked`` (B, 3) those that were asked for; the
-    distance to these becomes the error (B,). Elsewhere weights and errors stay, after a fade.
+    distance to these becomes the error (B,). Elsewhere weights and errors stay, after a fade. A motion that plays on out
+    of the window fades from the window's edge: correction beyond it would need huge weights.
     """
     count = weights.shape[1]
     starts, rows = np.empty((3, count)), np.empty((4 * chain.shape[0], count))
@@ -230,14 +234,14 @@ def hold(
     for b in range(slots.shape[0]):
         row = state[slots[b]]
         still = row[PLAYING] * row[SPEED] == 0.0
-        inside = still and window[0] <= row[PHASE] <= window[1]
+        inside = row[FOLLOWS] > 0.0 and still and window[0] <= row[PHASE] <= window[1]
         move = 1.0 if row[FRESH] > 0.0 else step_s / FADE_S
         row[SHARE] = min(row[SHARE] + move, 1.0) if inside else max(row[SHARE] - move, 0.0)
         if row[SHARE] == 0.0:
             continue
         u = row[SHARE]
         share = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
-        goals_at(row[PHASE], curves, chain, starts, rows)
+        goals_at(min(max(row[PHASE], window[0]), window[1]), curves, chain, starts, rows)
         turned[0] = weights[b]
         correct.correct_positions(turned, goals[b : b + 1], held, units, rules, mode, starts, rows, references, offsets)
         for i in range(count):
@@ -270,6 +274,30 @@ def _between(to: F64, source: F64, out: F64) -> None:
 
 
 @kernel
+def _before(here: F64, after: F64, out: F64) -> None:
+    """Rotation (4,) that lies as far before one as another lies after it."""
+    back, turn = np.empty(4), np.empty(4)
+    for a in range(3):
+        back[a] = -after[a]
+    back[3] = after[3]
+    multiply(here, back, turn)
+    multiply(turn, here, out)
+
+
+@kernel
+def step_back(frames: F64) -> None:
+    """Replace two frames (2, 3 + 4·J) by the one that lies before them, as if motion were even, and the first."""
+    before, here = np.empty(4), np.empty(4)
+    for a in range(3):
+        first = frames[0, a]
+        frames[0, a], frames[1, a] = 2.0 * first - frames[1, a], first
+    for at in range(3, frames.shape[1], 4):
+        here[:] = frames[0, at : at + 4]
+        _before(here, frames[1, at : at + 4], before)
+        frames[0, at : at + 4], frames[1, at : at + 4] = before, here
+
+
+@kernel
 def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
     """Start a transition: how far, and how fast, the pose shown is off the motion that is to be shown.
 
@@ -285,8 +313,7 @@ def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
         Written: offsets (m, rotation vectors) at its start, and their velocities.
     """
     joints = (last.shape[1] - 3) // 4
-    before, turn, back = np.empty(4), np.empty(4), np.empty(4)
-    early = np.empty(3)
+    before, early = np.empty(4), np.empty(3)
     for a in range(3):
         offsets[0, a] = last[1, a] - ahead[0, a]
         offsets[1, a] = (last[1, a] - last[0, a] - ahead[1, a] + ahead[0, a]) / step_s
@@ -295,11 +322,7 @@ def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
         here = ahead[0, at : at + 4]
         _between(last[1, at : at + 4], here, offsets[0, to : to + 3])
         # One frame before its start, the motion is taken to have turned as in its first frame.
-        for a in range(3):
-            back[a] = -ahead[1, at + a]
-        back[3] = ahead[1, at + 3]
-        multiply(here, back, turn)
-        multiply(turn, here, before)
+        _before(here, ahead[1, at : at + 4], before)
         _between(last[0, at : at + 4], before, early)
         _unwrap(early, offsets[0, to : to + 3])
         for a in range(3):
@@ -329,7 +352,7 @@ def settle(
     offsets : (C, 2, 3 + 3·J) float64
         See :func:`begin`.
     shown : (C, 2, 3 + 4·J) float64
-        The last two frames of each character; moved on by one.
+        The last two frames of each character; moved on by one, or, where it appeared, both that frame.
     striding : bool
         Whether the root's place is all of its travel.
     """
@@ -346,14 +369,13 @@ def settle(
         multiply(turn, local, rotations[b, 0])
         if row[LENGTH] > 0.0:
             _decay(step_s, row, offsets[s], turn, local, root[b], rotations[b])
-        row[STEP], row[FRESH] = step_s, 0.0
-        for a in range(shown.shape[2]):
-            shown[s, 0, a] = shown[s, 1, a]
-        for a in range(3):
-            shown[s, 1, a] = root[b, a]
+        shown[s, 0] = shown[s, 1]
+        shown[s, 1, :3] = root[b]
         for j in range(joints):
-            for a in range(4):
-                shown[s, 1, 3 + 4 * j + a] = rotations[b, j, a]
+            shown[s, 1, 3 + 4 * j : 7 + 4 * j] = rotations[b, j]
+        if row[FRESH] == 1.0:  # it did not move there
+            shown[s, 0] = shown[s, 1]
+        row[STEP], row[FRESH] = step_s, 0.0
 
 
 @kernel

@@ -1,0 +1,268 @@
+"""What REST answers, as frozen dataclasses. ``reading`` builds them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adverb_client.skeleton import Skeleton
+
+__all__ = ["Adverb", "Event", "Example", "Health", "Pose", "Poses", "Sequence", "Skipped", "Verb", "VerbSummary"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+Json = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Adverb:
+    """One parameter of a verb: name, unit, range; ``style`` where the motion cannot be measured for it."""
+
+    name: str
+    unit: str
+    min: float
+    max: float
+    style: bool
+    description: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class VerbSummary:
+    """One verb of the list; ``duration_s`` is that of the shortest and of the longest example."""
+
+    name: str
+    version: int
+    description: str
+    looping: bool
+    adverbs: tuple[str, ...]
+    joints: int
+    examples: int
+    duration_s: tuple[float, float]
+    default_method: str
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """One example of a verb: its adverbs, and its keytimes in seconds from the first."""
+
+    name: str
+    adverbs: Mapping[str, float]
+    keytimes_s: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verb:
+    """All about one verb.
+
+    Parameters
+    ----------
+    name, description, default_method : str
+    version : int
+    looping : bool
+    adverbs : tuple of Adverb
+        In the order of binary rows.
+    skeleton : Skeleton
+    examples : tuple of Example
+    keytimes : mapping of str to float
+        Canonical time of each keytime.
+    methods : tuple of str
+    measure : mapping
+        How errors are measured: ``kind``, ``effector``, ``keytime``, ``adverbs``, ``unit``.
+    quality : mapping
+        Figures that were measured when the verb was built.
+    told : mapping
+        The whole answer, with what has no field here (the domain's facets, …).
+    """
+
+    name: str
+    version: int
+    description: str
+    looping: bool
+    adverbs: tuple[Adverb, ...]
+    skeleton: Skeleton
+    examples: tuple[Example, ...]
+    keytimes: Mapping[str, float]
+    methods: tuple[str, ...]
+    default_method: str
+    measure: Json
+    quality: Json
+    told: Json
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """One pose.
+
+    Parameters
+    ----------
+    verb : str
+    version : int
+    phase, time_s, duration_s : float
+        Canonical time; seconds from the start; seconds of the whole motion, or of one cycle.
+    root : (3,) float32
+        Position of the root joint, metres.
+    rotations : (J, 4) float32
+        Unit quaternions x, y, z, w, in the space and of the joints that were asked for.
+    error : float or None
+        Distance between what was asked and what is reached, metres (or the measure's unit); None: not measured.
+    clamped : bool
+        Whether the adverbs were drawn back to the domain.
+    method, measured, positions, root_velocity, weights, met, tried
+        Told in full answers only, else None: the method; what the measured adverbs come to; in global space the
+        joints' positions (J, 3), metres; of a striding root sideways and forward, m/s, and turn, rad/s, (3,); the
+        examples' weights (E,); whether the error is within what was asked; what was done for it.
+    """
+
+    verb: str
+    version: int
+    phase: float
+    time_s: float
+    duration_s: float
+    root: F32
+    rotations: F32
+    error: float | None
+    clamped: bool
+    method: str | None = None
+    measured: Mapping[str, float] | None = None
+    positions: F32 | None = None
+    root_velocity: F32 | None = None
+    weights: F64 | None = None
+    met: bool | None = None
+    tried: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """Many poses, column by column; ``poses[k]`` is one of them.
+
+    Parameters
+    ----------
+    verb : str
+    version : int
+    phases, times_s, durations_s : (B,) float32
+    root : (B, 3) float32
+    rotations : (B, J, 4) float32
+    errors : (B,) float32
+        NaN where nothing is measured.
+    clamped : (B,) bool
+    method, measured, positions, root_velocity, weights
+        As of :class:`Pose`, with a leading axis (B).
+    """
+
+    verb: str
+    version: int
+    phases: F32
+    times_s: F32
+    durations_s: F32
+    root: F32
+    rotations: F32
+    errors: F32
+    clamped: npt.NDArray[np.bool_]
+    method: str | None = None
+    measured: Mapping[str, F64] | None = None
+    positions: F32 | None = None
+    root_velocity: F32 | None = None
+    weights: F64 | None = None
+
+    def __len__(self) -> int:
+        return len(self.phases)
+
+    def __iter__(self) -> Iterator[Pose]:
+        return (self[k] for k in range(len(self)))
+
+    def __getitem__(self, k: int) -> Pose:
+        error = float(self.errors[k])
+        return Pose(
+            self.verb,
+            self.version,
+            float(self.phases[k]),
+            float(self.times_s[k]),
+            float(self.durations_s[k]),
+            self.root[k],
+            self.rotations[k],
+            None if np.isnan(error) else error,
+            bool(self.clamped[k]),
+            self.method,
+            None if self.measured is None else {name: float(column[k]) for name, column in self.measured.items()},
+            None if self.positions is None else self.positions[k],
+            None if self.root_velocity is None else self.root_velocity[k],
+            None if self.weights is None else self.weights[k],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A keytime that passes: name, canonical time, seconds."""
+
+    name: str
+    phase: float
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sequence:
+    """A whole motion, frame by frame.
+
+    Parameters
+    ----------
+    verb : str
+    version : int
+    fps : float
+    duration_s : float
+        Of the motion, all cycles; of a track, of its frames.
+    phases, times_s : (F,) float64
+    root : (F, 3) float32
+    rotations : (F, J, 4) float32
+    errors : (F,) float64
+        NaN where nothing is measured.
+    clamped : bool
+        Whether the adverbs of any frame were drawn back to the domain.
+    method, measured, events, positions, root_velocity, weights
+        Told in full answers only, else None. Weights are (1, E), or of a track (F, E).
+    """
+
+    verb: str
+    version: int
+    fps: float
+    duration_s: float
+    phases: F64
+    times_s: F64
+    root: F32
+    rotations: F32
+    errors: F64
+    clamped: bool
+    method: str | None = None
+    measured: Mapping[str, float] | None = None
+    events: tuple[Event, ...] | None = None
+    positions: F32 | None = None
+    root_velocity: F32 | None = None
+    weights: F64 | None = None
+
+    def __len__(self) -> int:
+        return len(self.phases)
+
+    @property
+    def error(self) -> float | None:
+        """The largest error of any frame; None where nothing is measured."""
+        return None if np.isnan(self.errors).all() else float(np.nanmax(self.errors))
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A file that the server cannot serve, and why."""
+
+    file: str
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The server is ready: how many verbs it serves, and which files it cannot."""
+
+    ready: bool
+    verbs: int
+    skipped: tuple[Skipped, ...]

@@ -1,0 +1,66 @@
+"""What waits to be sent: latest wins, from any thread."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["Outbox"]
+
+
+class Outbox:
+    """Messages in the order in which they were last changed.
+
+    A message with a key replaces one with the same key that is not sent yet: of two aims the newer counts, and of two
+    sets what either says. So it never holds more than two messages a channel and the questions that somebody waits for.
+
+    Parameters
+    ----------
+    loop : asyncio.AbstractEventLoop
+        Where messages are taken.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop, self._thread = loop, threading.get_ident()
+        self._filled = asyncio.Event()
+        self._numbers = itertools.count()
+        self._messages: dict[tuple[str, int], Mapping[str, Any] | bytes] = {}
+        self._lock = threading.Lock()
+
+    def put(self, key: tuple[str, int] | None, message: Mapping[str, Any] | bytes) -> None:
+        """Add a message; a key of None is that of no other."""
+        key = key or ("", next(self._numbers))
+        with self._lock:
+            old = self._messages.pop(key, None)
+            self._messages[key] = _merged(old, message)
+        if threading.get_ident() == self._thread:
+            self._filled.set()
+        elif not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._filled.set)
+
+    def clear(self) -> None:
+        """Forget what is not sent."""
+        with self._lock:
+            self._messages.clear()
+
+    async def take(self) -> list[str | bytes]:
+        """Wait for messages, and take all that there are, as they go over the wire."""
+        await self._filled.wait()
+        self._filled.clear()
+        with self._lock:
+            messages = list(self._messages.values())
+            self._messages.clear()
+        return [message if isinstance(message, bytes) else json.dumps(message) for message in messages]
+
+
+def _merged(old: Mapping[str, Any] | bytes | None, new: Mapping[str, Any] | bytes) -> Mapping[str, Any] | bytes:
+    if not isinstance(old, Mapping) or not isinstance(new, Mapping):
+        return new
+    merged = {**old, **new}
+    if "adverbs" in old and "adverbs" in new:
+        merged["adverbs"] = {**old["adverbs"], **new["adverbs"]}
+    return merged

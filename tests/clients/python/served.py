@@ -1,0 +1,37 @@
+"""The real server on a real socket, in a thread, with verbs that are loaded already."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest import mock
+
+from service import catalog as catalogs
+from service.app import create_app
+from service.catalog import Catalog
+from service.server import Server, config_of
+from service.settings import Settings
+
+
+@contextmanager
+def serving(catalog: Catalog) -> Iterator[str]:
+    """Serve a catalog on a free port; gives the address."""
+    settings = Settings()
+    app = create_app(settings)
+    with socket.socket() as listener, mock.patch.object(catalogs, "load", return_value=catalog):
+        listener.bind(("127.0.0.1", 0))
+        server = Server(config_of(app, settings), app.state.serving.hub)
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        thread.start()
+        end = time.monotonic() + 60.0
+        while not (server.started and app.state.serving.ready.is_set()):
+            assert time.monotonic() < end, "the server does not start"
+            time.sleep(0.01)
+        try:
+            yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+        finally:
+            server.should_exit = True
+            thread.join(20.0)

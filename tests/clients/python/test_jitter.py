@@ -1,0 +1,267 @@
+"""The jitter buffer and the two clocks, on a clock that the tests turn."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+from adverb_client import Clock, Delays, JitterBuffer, Lateness, Record
+from adverb_client.records import LAST
+
+STEP = 1.0 / 60.0
+SERVER = 1_700_000_000.0  # the server's clock stands here when ours stands at 0
+TRANSIT = 0.03
+
+
+def turn(angle: float) -> np.ndarray:
+    return np.float32([[0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)]])
+
+
+def record(t: float, *, flags: int = 0, error: float = math.nan, rate: float = 1.0) -> Record:
+    """A root that goes along x at 1 m/s, a joint that turns at 1 rad/s, a loop of 2 s."""
+    root = np.float32([rate * t, 0.0, 0.0])
+    return Record(0, flags, 1, (t / 2.0) % 1.0, t % 2.0, error, 2.0, root, turn(t), None)
+
+
+class Line:
+    """A network: frames with a delay each, a buffer, and a display at 60 Hz."""
+
+    def __init__(self, delays: Delays | None = None, quantile: float = 0.98):
+        self.lateness = Lateness(quantile=quantile)
+        self.buffer = JitterBuffer(self.lateness, STEP, delays)
+        self.buffer.looping = True
+        self.coming: list[tuple[float, float, Record]] = []
+
+    def send(self, k: int, late_s: float = 0.0, **kw):
+        t = k * STEP
+        self.coming.append((t + TRANSIT + late_s, SERVER + t, record(t, **kw)))
+        self.coming.sort(key=lambda row: row[0])
+
+    def arrive(self, now: float):
+        while self.coming and self.coming[0][0] <= now:
+            at, due, frame = self.coming.pop(0)
+            self.lateness.add(at, due)
+            self.buffer.push(due, frame)
+
+    def show(self, times):
+        found = []
+        for now in times:
+            self.arrive(now)
+            found.append(self.buffer.sample(now))
+        return found
+
+
+def times(first: float, last: float) -> list[float]:
+    return np.arange(first, last, STEP).tolist()
+
+
+def test_nothing_is_shown_before_the_first_frame():
+    assert Line().buffer.sample(1.0) is None
+
+
+def test_on_a_perfect_line_the_delay_is_one_interval_and_motion_is_exact():
+    line = Line()
+    for k in range(120):
+        line.send(k)
+    for now, sample in zip(times(0.5, 1.9), line.show(times(0.5, 1.9)), strict=True):
+        assert sample.delay_s == pytest.approx(STEP, abs=1e-6)
+        shown = now - TRANSIT - STEP
+        assert sample.server_time_s - SERVER == pytest.approx(shown, abs=1e-6)
+        assert sample.root[0] == pytest.approx(shown, abs=1e-5)
+        np.testing.assert_allclose(sample.rotations, turn(shown), atol=1e-5)
+        assert sample.beyond_s == 0.0
+        assert not sample.held
+
+
+def test_between_frames_rotations_turn_at_constant_speed_and_stay_unit():
+    line = Line()
+    line.send(0)
+    line.coming.append((TRANSIT + 0.1, SERVER + 0.1, record(2.0)))  # 2 rad in one step
+    line.arrive(0.2)
+    for share in np.linspace(0.0, 1.0, 11):
+        sample = line.buffer._between(SERVER + 0.1 * share, 0.0)
+        np.testing.assert_allclose(sample.rotations, turn(2.0 * share), atol=1e-6)
+
+
+def test_the_delay_grows_to_cover_the_lateness_that_is_seen_and_shrinks_again():
+    line, rng = Line(Delays(most_s=0.3)), random.Random(5)
+    for k in range(1800):
+        line.send(k, rng.uniform(0.0, 0.08) if k < 600 else 0.0)
+    early = line.show(times(0.1, 9.9))
+    late = line.show(times(9.9, 29.9))
+    assert 0.08 < early[-1].delay_s < 0.08 + 2 * STEP
+    assert late[-1].delay_s == pytest.approx(STEP, abs=1e-4)
+    settled = early[300:]
+    assert sum(sample.beyond_s > 0 for sample in settled) < 0.03 * len(settled)
+
+
+def test_time_never_runs_backwards_nor_more_than_a_little_faster_or_slower():
+    line, rng = Line(), random.Random(6)
+    for k in range(900):
+        line.send(k, rng.expovariate(1 / 0.02))
+    shown = [sample.server_time_s for sample in line.show(times(0.2, 14.5))]
+    steps = np.diff(shown)
+    assert steps.min() >= 0.79 * STEP
+    assert steps.max() <= 1.11 * STEP
+
+
+def test_the_delay_keeps_to_its_bounds():
+    line, rng = Line(Delays(least_s=0.05, most_s=0.1)), random.Random(7)
+    for k in range(300):
+        line.send(k)
+    assert line.show(times(0.2, 4.9))[-1].delay_s == pytest.approx(0.05, abs=1e-6)
+    for k in range(300, 900):
+        line.send(k, rng.uniform(0.0, 0.5))
+    assert line.show(times(5.0, 14.0))[-1].delay_s == pytest.approx(0.1, abs=1e-3)
+
+
+def test_lost_frames_are_bridged():
+    line = Line()
+    for k in range(120):
+        if k % 3:
+            line.send(k)
+    for now, sample in zip(times(0.6, 1.8), line.show(times(0.6, 1.8)), strict=True):
+        assert sample.root[0] == pytest.approx(now - TRANSIT - sample.delay_s, abs=1e-5)
+
+
+def test_reordered_frames_are_put_in_order_and_doubles_are_counted():
+    line = Line(Delays(least_s=0.1))
+    for k in range(60):
+        line.send(k, 0.04 if k % 2 else 0.0)
+    line.send(30)
+    line.show(times(0.1, 1.0))
+    assert line.buffer.duplicates == 1
+    assert line.buffer._times == sorted(line.buffer._times)
+    assert line.buffer.late == 0
+
+
+def test_frames_that_come_after_they_were_wanted_are_counted():
+    line = Line()
+    for k in range(30):
+        line.send(k, 0.5 if k == 20 else 0.0)
+    line.show(times(0.1, 0.9))
+    assert line.buffer.late == 1
+
+
+def test_without_frames_motion_goes_on_for_a_moment_and_then_holds():
+    line = Line(Delays(extrapolate_s=0.1))
+    for k in range(60):
+        line.send(k)
+    end = 59 * STEP
+    samples = line.show(times(0.5, 3.0))
+    beyond = [sample for sample in samples if sample.beyond_s > 0]
+    moving = [sample for sample in beyond if not sample.held]
+    holding = [sample for sample in beyond if sample.held]
+    assert 5 <= len(moving) <= 7
+    for sample in moving:
+        assert sample.root[0] == pytest.approx(end + sample.beyond_s, abs=1e-4)
+        np.testing.assert_allclose(sample.rotations, turn(end + sample.beyond_s), atol=1e-4)
+    for sample in holding:
+        assert sample.root[0] == pytest.approx(end + 0.1, abs=1e-4)
+
+
+def test_a_motion_that_ended_is_not_prolonged():
+    line = Line()
+    for k in range(31):
+        line.send(k, flags=LAST if k == 30 else 0)
+    sample = line.show([0.4, 0.8])[-1]
+    assert sample.ended
+    assert sample.root[0] == pytest.approx(30 * STEP, abs=1e-6)
+
+
+def test_after_a_gap_the_speed_before_it_is_not_believed():
+    line = Line()
+    for k in (0, 1, 2, 20):
+        line.send(k)
+    line.arrive(1.0)
+    assert line.buffer._between(SERVER + 21 * STEP, 0.0).root[0] == pytest.approx(20 * STEP, abs=1e-6)
+
+
+def test_a_loop_goes_over_its_seam_the_short_way():
+    line = Line()
+    for k in range(240):
+        line.send(k)
+    phases = np.array([sample.phase for sample in line.show(times(0.5, 3.9))])
+    steps = np.diff(phases) % 1.0
+    np.testing.assert_allclose(steps, STEP / 2.0, atol=1e-5)
+    assert ((phases >= 0) & (phases < 1)).all()
+
+
+def test_asking_for_an_earlier_instant_changes_nothing():
+    line = Line()
+    for k in range(60):
+        line.send(k)
+    first = line.show([0.8])[0]
+    before = line.buffer.sample(0.7)
+    assert before.server_time_s == pytest.approx(first.server_time_s - 0.1, abs=1e-6)
+    assert line.buffer.sample(0.8).server_time_s == first.server_time_s
+
+
+def test_after_a_restart_the_old_pose_is_held_until_the_new_clock_begins():
+    line = Line()
+    for k in range(60):
+        line.send(k)
+    line.show(times(0.5, 1.0))
+    line.buffer.restart()
+    line.lateness.clear()
+    held = line.buffer.sample(5.0)
+    assert held.held
+    assert held.root[0] == pytest.approx(58 * STEP + 0.1, abs=0.02)
+    line.lateness.add(5.1, 77.0)
+    line.buffer.push(77.0, record(9.0))
+    assert len(line.buffer) == 1
+    assert line.buffer.sample(5.1).root[0] == pytest.approx(9.0)
+
+
+def test_errors_are_blended_only_where_both_are_known():
+    line = Line()
+    line.send(0, error=0.2)
+    line.send(1, error=0.4)
+    line.send(2)
+    line.arrive(1.0)
+    assert line.buffer._between(SERVER + 0.5 * STEP, 0.0).error == pytest.approx(0.3, abs=1e-4)
+    assert line.buffer._between(SERVER + 1.2 * STEP, 0.0).error == pytest.approx(0.4, abs=1e-4)
+    assert math.isnan(line.buffer._between(SERVER + 1.8 * STEP, 0.0).error)
+
+
+def test_weights_are_blended_and_a_new_number_of_them_cuts():
+    buffer = JitterBuffer(Lateness(), STEP)
+    for k, weights in enumerate(([1.0, 0.0], [0.0, 1.0], [0.2, 0.3, 0.5])):
+        buffer.push(k * STEP, Record(0, 0, 1, 0.0, 0.0, 0.0, 1.0, None, None, np.float32(weights)))
+    np.testing.assert_allclose(buffer._between(0.25 * STEP, 0.0).weights, [0.75, 0.25], atol=1e-6)
+    assert len(buffer._between(1.75 * STEP, 0.0).weights) == 3
+    assert buffer._between(0.5 * STEP, 0.0).root is None
+
+
+def test_the_quickest_ping_is_believed():
+    clock, rng = Clock(), random.Random(8)
+    assert math.isnan(clock.offset_s)
+    for k in range(50):
+        out, back = 0.01 + rng.expovariate(1 / 0.05), 0.01 + rng.expovariate(1 / 0.05)
+        sent = float(k)
+        clock.add(sent, sent + out + back, round((SERVER + sent + out) * 1e9))
+    assert clock.offset_s == pytest.approx(SERVER, abs=clock.round_trip_s / 2 + 1e-6)
+    assert clock.round_trip_s < 0.06
+    assert clock.age_s(100.0, SERVER + 99.9) == pytest.approx(0.1, abs=0.03)
+
+
+def test_old_pings_are_forgotten_since_clocks_drift():
+    clock = Clock(window_s=60.0)
+    clock.add(0.0, 0.001, round(SERVER * 1e9))
+    clock.add(100.0, 100.2, round((SERVER + 0.5 + 100.1) * 1e9))
+    assert clock.offset_s == pytest.approx(SERVER + 0.5, abs=1e-6)
+    clock.add(200.0, 199.0, 0)  # a clock that went backwards tells nothing
+    assert clock.round_trip_s == pytest.approx(0.2)
+
+
+def test_lateness_is_counted_from_the_earliest_of_the_last_messages():
+    lateness = Lateness(window=10, quantile=0.5)
+    assert lateness.measured() is None
+    for k in range(10):
+        lateness.add(100.0 + k + 0.01 * k, float(k))
+    ground, late = lateness.measured()
+    assert ground == pytest.approx(100.0)
+    assert late == pytest.approx(0.05)
+    for k in range(10):
+        lateness.add(200.0 + k, float(k))
+    assert lateness.measured() == pytest.approx((200.0, 0.0))

@@ -1,0 +1,271 @@
+"""The stream against a small server over a real socket."""
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+from adverb_client import (
+    Closed,
+    Ended,
+    Found,
+    Passed,
+    Rejected,
+    Stream,
+    StreamClosed,
+    TimedOut,
+    errors,
+)
+from adverb_client.link import stream_url
+
+from tests.clients.python.conftest import next_note, until
+
+pytestmark = pytest.mark.anyio
+
+AT = {"x": 0.5, "y": 1.0, "z": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("url", "expected"),
+    [
+        ("http://a:1", "ws://a:1/v1/stream"),
+        ("https://a/", "wss://a/v1/stream"),
+        ("ws://a/b?c=d", "ws://a/b?c=d"),
+    ],
+)
+async def test_any_address_of_the_server_will_do(url, expected):
+    assert stream_url(url) == expected
+
+
+@pytest.mark.parametrize("url", ["ftp://a", "a:1", "http://"])
+async def test_other_addresses_are_refused(url):
+    with pytest.raises(ValueError, match="no address of a server"):
+        stream_url(url)
+
+
+@pytest.mark.parametrize("encoding", ["f32", "q48", "weights"])
+async def test_poses_come_in_every_encoding(stream, encoding):
+    channel = await stream.open("reach", adverbs=AT, encoding=encoding, phase=0.25, play=False)
+    assert channel.told.encoding == encoding
+    assert channel.told.keytimes == {"half": 0.5}
+    assert channel.told.follow == (0.4, 0.6)
+    await until(lambda: channel.pose() is not None)
+    sample = stream.pose(channel.number)
+    assert sample.phase == pytest.approx(0.25)
+    if encoding == "weights":
+        np.testing.assert_allclose(sample.weights, [0.2] * 5, atol=1e-6)
+        return
+    half = np.pi * 0.25
+    np.testing.assert_allclose(sample.rotations[0], [0.0, np.sin(half), 0.0, np.cos(half)], atol=2e-4)
+    np.testing.assert_allclose(sample.root, [0.5, 1.0, 0.25], atol=1e-6)
+    places = channel.positions(sample)
+    np.testing.assert_allclose(places[2], [0.5, 1.5, 0.25 - 0.3], atol=1e-3)  # a quarter turn about +Y: +X to -Z
+
+
+async def test_many_channels_of_different_layouts_share_messages(stream):
+    kinds = ["f32", "q48", "weights"] * 4
+    channels = [await stream.open("reach", encoding=kind, adverbs={**AT, "x": k / 20}) for k, kind in enumerate(kinds)]
+    await until(lambda: all(channel.pose() is not None for channel in channels))
+    assert stream.stats.decode_errors == 0
+    for k, channel in enumerate(channels):
+        if kinds[k] != "weights":
+            assert channel.pose().root[0] == pytest.approx(k / 20, abs=1e-6)
+    assert stream.stats.records > stream.stats.messages
+
+
+async def test_a_first_connection_is_no_reconnection(stream):
+    await stream.open("reach", adverbs=AT)
+    assert stream.stats.reconnects == 0
+    assert not any(isinstance(note, Found) for note in stream.take_notes())
+
+
+async def test_aiming_and_setting_reach_the_server(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    channel.aim([0.25, 1.0, 0.5])
+    await until(lambda: (0x10, channel.number, [0.25, 1.0, 0.5]) in fake.seen)
+    channel.set(adverbs={"x": -0.5}, speed=0.5)
+    await until(lambda: fake.said("set"))
+    assert fake.said("set")[-1] == {"op": "set", "channel": channel.number, "adverbs": {"x": -0.5}, "speed": 0.5}
+    await until(lambda: channel.pose() is not None and abs(channel.pose().root[0] + 0.5) < 1e-6)
+
+
+async def test_of_unsent_messages_of_a_kind_the_last_is_sent(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    for k in range(50):
+        channel.aim([k / 100, 1.0, 0.5])
+        channel.set(speed=1.0 + k)
+        channel.set(adverbs={"y": float(k)})
+    await until(lambda: fake.said("set"))
+    aims = [row for row in fake.seen if isinstance(row, tuple)]
+    assert len(aims) == 1
+    assert aims[0][2][0] == pytest.approx(0.49)
+    assert fake.said("set") == [{"op": "set", "channel": channel.number, "speed": 50.0, "adverbs": {"y": 49.0}}]
+
+
+async def test_what_cannot_be_meant_is_refused_before_it_is_sent(stream):
+    channel = await stream.open("reach", adverbs=AT)
+    with pytest.raises(ValueError, match="2 adverbs are given; 'reach' has 3: x, y, z"):
+        channel.aim([0.0, 1.0])
+    with pytest.raises(ValueError, match="finite"):
+        channel.set(adverbs={"x": float("nan")})
+    with pytest.raises(ValueError, match="finite"):
+        channel.set(speed=float("inf"))
+    with pytest.raises(ValueError, match="open already"):
+        await stream.open("reach", number=channel.number)
+
+
+async def test_the_servers_no_is_an_error_of_its_code(stream):
+    with pytest.raises(errors.UnknownVerb, match="it is unknown_verb") as caught:
+        await stream.open("nothing")
+    assert caught.value.code == "unknown_verb"
+    assert not stream.channels
+    channel = await stream.open("reach", adverbs=AT)
+    with pytest.raises(errors.UnknownVerb):
+        await stream.switch(channel, "nothing")
+    assert channel.verb == "reach"
+    await until(lambda: channel.pose() is not None)
+
+
+async def test_a_server_that_still_loads_is_asked_again(stream, fake):
+    fake.not_ready = 1
+    channel = await stream.open("reach", adverbs=AT)
+    assert channel.told.verb == "reach"
+
+
+async def test_no_answer_in_time_is_an_error_and_a_late_answer_is_closed(stream, fake):
+    fake.mute.add("open")
+    with pytest.raises(TimedOut, match="open of channel 0"):
+        await stream.open("reach", timeout_s=0.05)
+    socket = next(iter(fake.sockets))
+    channel = await _late_open(fake, socket, 0)
+    await until(lambda: fake.said("close"))
+    assert fake.said("close") == [{"op": "close", "channel": channel}]
+
+
+async def _late_open(fake, socket, number: int) -> int:
+    await fake.on_open(socket, [next(iter(fake.sessions.values()))], {"channel": number, "verb": "reach"})
+    return number
+
+
+async def test_switching_keeps_the_channel_and_changes_its_adverbs(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    opened = await stream.switch(channel, "board", adverbs={"u": 0.25, "v": 0.0}, transition_s=0.1)
+    assert opened.verb == channel.verb == "board"
+    assert [adverb.name for adverb in channel.told.adverbs] == ["u", "v"]
+    channel.aim([0.5, 0.0])
+    await until(lambda: (0x10, channel.number, [0.5, 0.0]) in fake.seen)
+    assert fake.said("switch")[0]["transition_s"] == 0.1
+
+
+async def test_a_closed_channel_is_forgotten_and_its_last_records_do_no_harm(stream, fake):
+    first = await stream.open("reach", adverbs=AT)
+    second = await stream.open("reach", adverbs=AT, encoding="q48")
+    await until(lambda: first.pose() is not None)
+    await stream.close_channel(first)
+    await until(lambda: fake.said("close"))
+    count = stream.stats.messages
+    await until(lambda: stream.stats.messages > count + 5)
+    assert stream.stats.decode_errors == 0
+    assert list(stream.channels) == [second.number]
+    assert (await stream.open("reach")).number == 2  # numbers are not used again at once
+
+
+async def test_keytimes_and_ends_are_told(stream):
+    channel = await stream.open("once", adverbs={"x": 0.0})
+    passed, ended = await next_note(stream, Passed), await next_note(stream, Ended)
+    assert (passed.channel, passed.name, passed.phase) == (channel.number, "half", 0.5)
+    assert ended.channel == channel.number
+    await until(lambda: channel.pose() is not None and channel.pose().ended)
+    assert channel.pose().phase == pytest.approx(1.0)
+
+
+async def test_an_error_that_nobody_waits_for_is_a_note(stream):
+    channel = await stream.open("reach", adverbs=AT)
+    stream._outbox.put(None, {"op": "set", "channel": 999, "speed": 1.0})
+    rejected = await next_note(stream, Rejected)
+    assert rejected.channel == 999
+    assert isinstance(rejected.error, errors.UnknownChannel)
+    await until(lambda: channel.pose() is not None)
+
+
+async def test_notes_may_go_to_a_callback(fake):
+    seen = []
+    async with Stream(fake.url, on_note=seen.append) as stream:
+        await stream.open("once", adverbs={"x": 0.0})
+        await until(lambda: any(isinstance(note, Ended) for note in seen))
+        assert not stream.take_notes()
+    assert isinstance(seen[-1], Closed)
+
+
+async def test_notes_that_nobody_fetches_are_bounded_and_counted(fake):
+    async with Stream(fake.url, max_notes=3) as stream:
+        for _ in range(5):
+            await stream.open("reach")
+        assert stream.stats.notes_dropped == 2
+        assert [note.channel for note in stream.take_notes()] == [2, 3, 4]
+
+
+async def test_the_servers_clock_is_learnt(fake):
+    fake.skew_ns = 3_600 * 10**9
+    async with Stream(fake.url) as stream:
+        trip_s = await stream.ping()
+        assert 0.0 < trip_s < 1.0
+        offset_s = fake.now_ns() * 1e-9 - stream.now()
+        assert stream.clock.offset_s == pytest.approx(offset_s, abs=0.05)
+        channel = await stream.open("reach")
+        await until(lambda: channel.pose() is not None)
+        assert abs(stream.age_s) < 0.5
+        assert stream.lateness_s >= 0.0
+
+
+async def test_what_is_set_during_a_switch_is_meant_for_the_new_verb(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    switching = asyncio.create_task(stream.switch(channel, "board"))
+    await asyncio.sleep(0)  # it is asked for, and not answered
+    assert channel.switch is not None
+    channel.set(adverbs={"u": 0.25})
+    channel.aim([0.5, 0.5])
+    await switching
+    assert "adverbs" not in fake.said("switch")[0]
+    assert channel.wanted["adverbs"] == {"u": 0.5, "v": 0.5}
+    await until(lambda: (0x10, channel.number, [0.5, 0.5]) in fake.seen)
+
+
+async def test_messages_that_cannot_be_read_are_counted_and_passed_over(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    await until(lambda: channel.pose() is not None)
+    socket = next(iter(fake.sockets))
+    for bad in (b"", b"\x01\x01\xff\xff", b"\x07" * 40, "no json", "[1]", '{"op": "event"}', '{"op": "opened"}'):
+        await socket.send(bad)
+    for bad in ('{"op": "pong", "t": "x", "server_time_ns": 1}', '{"op": "pong", "t": Infinity, "server_time_ns": 1}'):
+        await socket.send(bad)
+    await socket.send(json.dumps({"op": "tomorrow", "what": "is new"}))
+    await until(lambda: stream.stats.decode_errors == 9)
+    count = stream.stats.messages
+    await until(lambda: stream.stats.messages > count + 2)
+    assert stream.stats.last_error
+
+
+async def test_gaps_in_the_sequence_are_counted(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    await until(lambda: channel.pose() is not None)
+    session = fake.sessions["s1"]
+    session.sequence += 7
+    session.dropped += 7
+    await until(lambda: stream.stats.gaps == 1)
+    assert (stream.stats.missing, stream.stats.dropped) == (7, 7)
+    session.sequence -= 5
+    await until(lambda: stream.stats.stale > 2)
+
+
+async def test_closing_ends_iteration_and_waiting(fake):
+    stream = Stream(fake.url)
+    await stream.connect()
+    fake.mute.add("open")
+    opening = asyncio.create_task(stream.open("reach"))
+    await until(lambda: fake.said("open"))
+    await stream.close()
+    await stream.close()
+    with pytest.raises(StreamClosed, match="closed by this client"):
+        await opening
+    assert [type(note) async for note in stream] == [Closed]

@@ -10,6 +10,12 @@ Every problem has a stable ``code``; ``type`` is where ``/docs`` explains it. Th
     ├── WrongMediaType     the body is of a type that the route does not read
     ├── NotAcceptable      no form that the route can give is accepted
     ├── BadBody            the body cannot be read as what it says it is
+    ├── BadUpload          an uploaded verb cannot be served
+    ├── VersionConflict    the verb is at another version than the client believes
+    ├── UnknownRefinement  there is no such refinement
+    ├── AlreadyRefining    the verb is being refined
+    ├── ReadOnly           the server was started without a data folder
+    ├── StoreUnavailable   the database or the artifacts cannot be reached
     ├── BadMessage         a stream's message cannot be read as one
     ├── UnknownChannel     no such channel is open in this stream
     ├── ChannelInUse       the channel is open already
@@ -35,8 +41,10 @@ from verbs.errors import OutOfRange, SkeletonMismatch, UnknownName, VerbError
 
 __all__ = [
     "PROBLEMS",
+    "AlreadyRefining",
     "BadBody",
     "BadMessage",
+    "BadUpload",
     "BatchTooLarge",
     "BodyTooLarge",
     "ChannelInUse",
@@ -44,10 +52,14 @@ __all__ = [
     "NotReady",
     "Overloaded",
     "Problem",
+    "ReadOnly",
     "ServiceError",
+    "StoreUnavailable",
     "TooManyChannels",
     "UnknownChannel",
+    "UnknownRefinement",
     "UnknownSession",
+    "VersionConflict",
     "WrongMediaType",
     "code_of",
     "install",
@@ -96,6 +108,30 @@ class NotAcceptable(ServiceError):
 
 class BadBody(ServiceError):
     """The body cannot be read as what it says it is."""
+
+
+class BadUpload(ServiceError):
+    """An uploaded verb cannot be served."""
+
+
+class VersionConflict(ServiceError):
+    """The verb is at another version than the client believes."""
+
+
+class UnknownRefinement(ServiceError):
+    """There is no such refinement."""
+
+
+class AlreadyRefining(ServiceError):
+    """The verb is being refined."""
+
+
+class ReadOnly(ServiceError):
+    """The server was started without a data folder, and keeps nothing."""
+
+
+class StoreUnavailable(ServiceError):
+    """The database or the artifacts cannot be reached; what is loaded is served on."""
 
 
 class BadMessage(ServiceError):
@@ -151,6 +187,14 @@ PROBLEMS: dict[str, Problem] = {
         Problem(422, "unknown_space", "Unknown space", _UNKNOWN),
         Problem(422, "out_of_range", "Out of range", "The detail says which number, and its bounds."),
         Problem(422, "bad_request", "Request cannot be answered", "The detail says why."),
+        Problem(404, "unknown_refinement", "Unknown refinement", "GET /v1/refinements lists those that exist."),
+        Problem(
+            409, "already_refining", "Already refining", "Follow or cancel the one that `refinement` names."
+        ),
+        Problem(409, "read_only", "Server keeps nothing", "Start the server with a data folder (--data)."),
+        Problem(412, "version_conflict", "Other version", "Look at version `current`, and try again with its number."),
+        Problem(503, "store_unavailable", "Store unavailable", "Verbs are served on; try again after `Retry-After`."),
+        Problem(422, "bad_upload", "Upload is no verb", "The detail says what is wrong with it, and where."),
         Problem(400, "bad_message", "Message cannot be read", "In streams. See docs/wire.md for messages."),
         Problem(404, "unknown_channel", "Unknown channel", "In streams. Open it first."),
         Problem(409, "channel_in_use", "Channel in use", "In streams. Close it first, or switch it."),
@@ -172,6 +216,12 @@ _SERVICE_CODES: dict[type[ServiceError], str] = {
     WrongMediaType: "unsupported_media_type",
     NotAcceptable: "not_acceptable",
     BadBody: "malformed_body",
+    BadUpload: "bad_upload",
+    VersionConflict: "version_conflict",
+    UnknownRefinement: "unknown_refinement",
+    AlreadyRefining: "already_refining",
+    ReadOnly: "read_only",
+    StoreUnavailable: "store_unavailable",
     BadMessage: "bad_message",
     UnknownChannel: "unknown_channel",
     ChannelInUse: "channel_in_use",

@@ -153,6 +153,7 @@ class StreamAdverb(_Said):
     min: float
     max: float
     style: bool
+    goal: float
 
 
 class StreamKeytime(_Said):

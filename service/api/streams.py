@@ -9,6 +9,7 @@ from typing import Any
 
 import anyio
 import numpy as np
+import orjson
 import structlog
 from pydantic import ValidationError
 from starlette.routing import WebSocketRoute
@@ -26,6 +27,7 @@ __all__ = ["SUBPROTOCOL", "route"]
 
 SUBPROTOCOL = "adverb.v1"
 OP_AIM = 0x10
+MAX_CHANNEL = 65_535
 TOO_MANY = 4029
 
 log = structlog.get_logger("adverb.stream")
@@ -116,9 +118,8 @@ class _Talk:
         channel: int | None = None
         try:
             if message.get("text") is not None:
-                asked = _parsed(message["text"])
-                channel = getattr(asked, "channel", None)
-                await self._do(asked)
+                channel = _about(message["text"])
+                await self._do(_parsed(message["text"]))
             else:
                 channel, row = _aimed(message["bytes"])
                 await self.hub.aim(self.session, channel, row)
@@ -155,6 +156,15 @@ def _parsed(content: str) -> Open | Set | Switch | Close | Ping | Resume:
         first = err.errors(include_url=False, include_input=False)[0]
         at = ".".join(str(part) for part in first["loc"])[:200]
         raise BadMessage(f"{at}: {first['msg']}" if at else str(first["msg"])) from err
+
+
+def _about(content: str) -> int | None:
+    """The channel that a message is about, whatever else is wrong with it."""
+    try:
+        channel = orjson.loads(content).get("channel")
+    except (orjson.JSONDecodeError, AttributeError):
+        return None
+    return channel if type(channel) is int and 0 <= channel <= MAX_CHANNEL else None
 
 
 def _aimed(content: bytes) -> tuple[int, np.ndarray[Any, np.dtype[np.float64]]]:

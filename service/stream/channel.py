@@ -104,8 +104,9 @@ def opened(channel: Channel, *, resumed: bool = False) -> dict[str, Any]:
                 "min": adverb.minimum,
                 "max": adverb.maximum,
                 "style": adverb.style,
+                "goal": goal,
             }
-            for adverb in verb.adverbs
+            for adverb, goal in zip(verb.adverbs, characters.asked[channel.slot].tolist(), strict=True)
         ],
         "joints": _named(skeleton.names, layout.joints.tolist()),
         "encoding": layout.encoding,

@@ -14,12 +14,18 @@
         │   ├── UnknownAdverb
         │   ├── UnknownJoint
         │   ├── UnknownMethod
-        │   └── UnknownSpace
+        │   ├── UnknownSpace
+        │   └── UnknownRefinement
         ├── BadRequest
         │   ├── MalformedBody
         │   ├── InvalidRequest      `mistakes` say where
         │   ├── OutOfRange
+        │   ├── BadUpload
         │   └── BadMessage          of a stream
+        ├── Conflict                the server is in another state than the caller believes
+        │   ├── VersionConflict
+        │   ├── AlreadyRefining
+        │   └── ReadOnly
         ├── TooLarge                `limit` is what is allowed
         │   ├── BodyTooLarge
         │   └── BatchTooLarge
@@ -30,7 +36,8 @@
         │   └── UnsupportedMediaType
         ├── Unavailable             `retry_after_s`
         │   ├── NotReady
-        │   └── Overloaded
+        │   ├── Overloaded
+        │   └── StoreUnavailable
         ├── InternalError           report it with `request_id`
         └── ChannelError            of a stream: `channel`
             ├── UnknownChannel
@@ -49,12 +56,15 @@ from dataclasses import dataclass
 
 __all__ = [
     "AdverbError",
+    "AlreadyRefining",
     "BadMessage",
     "BadRequest",
+    "BadUpload",
     "BatchTooLarge",
     "BodyTooLarge",
     "ChannelError",
     "ChannelInUse",
+    "Conflict",
     "DecodeError",
     "InternalError",
     "InvalidRequest",
@@ -66,8 +76,10 @@ __all__ = [
     "NotReady",
     "OutOfRange",
     "Overloaded",
+    "ReadOnly",
     "Refused",
     "SkeletonMismatch",
+    "StoreUnavailable",
     "StreamClosed",
     "TimedOut",
     "TooLarge",
@@ -79,11 +91,13 @@ __all__ = [
     "UnknownJoint",
     "UnknownMethod",
     "UnknownName",
+    "UnknownRefinement",
     "UnknownSession",
     "UnknownSpace",
     "UnknownVerb",
     "UnknownVersion",
     "UnsupportedMediaType",
+    "VersionConflict",
     "WrongRoute",
     "refusal",
 ]
@@ -235,6 +249,12 @@ class UnknownSpace(UnknownName):
     code = "unknown_space"
 
 
+class UnknownRefinement(UnknownName):
+    """No such refinement."""
+
+    code = "unknown_refinement"
+
+
 class BadRequest(Refused):
     """The request cannot be answered; the detail says why."""
 
@@ -257,6 +277,34 @@ class OutOfRange(BadRequest):
     """A number is outside its bounds."""
 
     code = "out_of_range"
+
+
+class BadUpload(BadRequest):
+    """What was uploaded is no verb."""
+
+    code = "bad_upload"
+
+
+class Conflict(Refused):
+    """The server is in another state than the caller believes."""
+
+
+class VersionConflict(Conflict):
+    """The verb is at another version."""
+
+    code = "version_conflict"
+
+
+class AlreadyRefining(Conflict):
+    """The verb is being refined."""
+
+    code = "already_refining"
+
+
+class ReadOnly(Conflict):
+    """The server keeps nothing."""
+
+    code = "read_only"
 
 
 class BadMessage(BadRequest):
@@ -323,6 +371,12 @@ class Overloaded(Unavailable):
     """Too much to do."""
 
     code = "overloaded"
+
+
+class StoreUnavailable(Unavailable):
+    """The server's database or artifacts cannot be reached."""
+
+    code = "store_unavailable"
 
 
 class InternalError(Refused):

@@ -1,0 +1,87 @@
+"""Uploads unpacked: a zip of a verb source becomes a folder, or an error that says what is wrong with it."""
+
+from __future__ import annotations
+
+import stat
+import zipfile
+from pathlib import Path, PurePosixPath
+
+from verbs.errors import SourceError
+
+__all__ = ["MAX_FILES", "MAX_UNPACKED_BYTES", "is_zip", "unpack"]
+
+MAX_FILES = 4_000
+MAX_UNPACKED_BYTES = 512 * 1024 * 1024
+MAX_DEPTH = 8
+
+_BLOCK = 1 << 20
+
+
+def is_zip(start: bytes) -> bool:
+    """Whether a file that starts so is a zip."""
+    return start[:4] in (b"PK\x03\x04", b"PK\x05\x06")
+
+
+def unpack(archive: Path, folder: Path) -> Path:
+    """Unpack a verb source into an empty folder; return the folder that holds its ``verb.toml``.
+
+    Raises
+    ------
+    SourceError
+        The archive is broken, too large, leads out of the folder, or holds no source.
+    """
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            members = [row for row in opened.infolist() if not row.is_dir() and not _added(row.filename)]
+            _check(archive, members)
+            left = MAX_UNPACKED_BYTES
+            for row in members:
+                left -= _write(opened, row, folder.joinpath(*PurePosixPath(row.filename).parts), left, archive)
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as err:
+        raise SourceError(archive, f"the archive cannot be unpacked: {err}") from err
+    return _root(archive, folder)
+
+
+def _added(name: str) -> bool:
+    """Whether an archiver put it in by itself."""
+    parts = PurePosixPath(name).parts
+    return parts[:1] == ("__MACOSX",) or any(part.startswith("._") or part == ".DS_Store" for part in parts)
+
+
+def _check(archive: Path, members: list[zipfile.ZipInfo]) -> None:
+    if len(members) > MAX_FILES:
+        raise SourceError(archive, f"the archive holds {len(members)} files; at most {MAX_FILES} are allowed")
+    total = sum(row.file_size for row in members)
+    if total > MAX_UNPACKED_BYTES:
+        raise SourceError(archive, f"unpacked it would be {total} bytes long; at most {MAX_UNPACKED_BYTES} are allowed")
+    for row in members:
+        path = PurePosixPath(row.filename)
+        inside = (
+            not path.is_absolute() and ".." not in path.parts and "\\" not in row.filename and ":" not in path.parts[0]
+        )
+        if not inside or len(path.parts) > MAX_DEPTH:
+            raise SourceError(archive, f"the archive's file '{row.filename[:100]}' would lie outside of its folder")
+        if stat.S_ISLNK(row.external_attr >> 16):
+            raise SourceError(archive, f"the archive's file '{row.filename[:100]}' is a link; put the file itself in")
+
+
+def _write(opened: zipfile.ZipFile, row: zipfile.ZipInfo, path: Path, left: int, archive: Path) -> int:
+    """Unpack one file, whatever length its header claims; return how many bytes it had."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    count = 0
+    with opened.open(row) as source, path.open("xb") as target:
+        while block := source.read(_BLOCK):
+            count += len(block)
+            if count > left:
+                raise SourceError(archive, f"unpacked it is longer than {MAX_UNPACKED_BYTES} bytes")
+            target.write(block)
+    return count
+
+
+def _root(archive: Path, folder: Path) -> Path:
+    found = sorted(folder.glob("verb.toml")) or sorted(folder.glob("*/verb.toml"))
+    if len(found) != 1:
+        many = ", ".join(str(path.relative_to(folder)) for path in found[:4])
+        problem = f"it holds several: {many}" if found else "it holds none, neither at its top nor in its one folder"
+        raise SourceError(archive, f"an archive of a verb source has one verb.toml; {problem}")
+    return found[0].parent

@@ -198,7 +198,7 @@ class Characters(Slots):
         return float(self.state[slot, live.PHASE])
 
     def step(self, slots: I64, step_s: float) -> Frames:
-        """The next frame of the characters in ``slots`` (B,), each at most once, ``step_s`` seconds on."""
+        """The next frame of the characters in ``slots`` (B,), each at most once, ``step_s`` > 0 seconds on."""
         size = len(slots)
         adverbs, blend = self._blend(slots, step_s)
         ends = np.empty((size, live.REPORTS))
@@ -253,18 +253,19 @@ class Characters(Slots):
             phase = transition.start_phase(other.verb, other.phase(slot), self.verb, speed=was[live.SPEED])
         new = self.add(adverbs, phase=phase, speed=float(was[live.SPEED]))
         row = self.state[new]
-        kept = [live.PLAYING, live.DECAY, live.STEP]
+        kept = [live.DECAY, live.STEP]
         if same:
             kept += [live.LOOP, live.SHARE, live.X, live.Z, live.HEADING]
             self._steer_as(new, other, slot)
         row[kept] = was[kept]
-        if not same:
-            row[live.PLAYING] = 1.0
+        row[live.PLAYING] = was[live.PLAYING] if same else 1.0
         if was[live.FRESH] == 1.0 and was[live.STEP] == 0.0:
             return new  # nobody has seen it yet
-        self._last[new] = other._last[slot]
-        row[live.FRESH] = 0.0 if same else 2.0
-        if not same:
+        if same:  # whatever is asked of one is asked of both, so compare what is ahead of both
+            self._last[new], row[live.FRESH] = other._ahead(slot, passing=True), 0.0
+            live.step_back(self._last[new])
+        else:
+            self._last[new], row[live.FRESH] = other._last[slot], 2.0
             self._stand(new, other.world(slot))
         self._begin(new, self._ahead(new), transition_s)
         return new
@@ -342,24 +343,25 @@ class Characters(Slots):
         else:
             self._last[slot] = ahead[0]
 
-    def _ahead(self, slot: int) -> F64:
-        """A character's pose now, and a step on (2, 3 + 4·J), without transition."""
+    def _ahead(self, slot: int, *, passing: bool = False) -> F64:
+        """A character's pose now, and a step on (2, 3 + 4·J); without its transition unless ``passing``."""
         none, rows = np.zeros(1, np.int64), slice(slot, slot + 1)
         state, shown, velocity = self.state[rows].copy(), self._shown[rows].copy(), self._velocity[rows].copy()
         step_s, chart = float(state[0, live.STEP]), self.verb.domain.chart
-        state[0, live.LENGTH] = 0.0
+        state[0, live.LENGTH] *= passing
         state[0, live.FRESH] = 2.0 if state[0, live.FRESH] > 0 else 0.0  # both frames are steps, the first of 0 s
         goals, points = chart.points(self.asked[rows]), np.empty_like(shown)
         ends, root, rotations = np.empty((1, live.REPORTS)), np.empty((1, 3)), np.empty((1, len(self.verb.skeleton), 4))
         last = np.zeros((1, *self._last.shape[1:]))
+        known, moved, held = none.copy(), none.copy(), False
         for step in (0.0, step_s):
-            live.steer(none, step, state, goals, shown, velocity, none.copy(), points, none.copy())
-            adverbs = chart.adverbs(points)
-            blend = self.evaluator.blend(adverbs, method=self.method)
+            if live.steer(none, step, state, goals, shown, velocity, known, points, moved) or held:
+                adverbs = chart.adverbs(points)
+                blend = self.evaluator.blend(adverbs, method=self.method)
             self._advance(none, step, state, blend.weights, ends)
-            if self._hold and live.any_held(none, state):
+            if held := bool(self._hold) and live.any_held(none, state):
                 self._follow(none, step, state, adverbs, blend)
-            self._pose(none, step, state, self._offsets[:1], last, blend.weights, ends, root, rotations)
+            self._pose(none, step, state, self._offsets[rows], last, blend.weights, ends, root, rotations)
         return np.asarray(last[0])
 
     def _advance(self, slots: I64, step_s: float, state: F64, weights: F64, ends: F64) -> None:
@@ -387,18 +389,8 @@ class Characters(Slots):
 
     def _follow(self, slots: I64, step_s: float, state: F64, adverbs: F64, blend: Blend) -> None:
         goal, inside = self.evaluator.goal, self.evaluator.clamp(adverbs)[0]
-        window = np.array(self.window)
-        live.hold(
-            slots,
-            step_s,
-            state,
-            window,
-            goal.points(inside),
-            goal.points(adverbs),
-            blend.weights,
-            blend.error,
-            *self._hold,
-        )
+        goals, asked, window = goal.points(inside), goal.points(adverbs), np.array(self.window)
+        live.hold(slots, step_s, state, window, goals, asked, blend.weights, blend.error, *self._hold)
 
 
 def _hold_arguments(way: Any) -> tuple[Any, ...]:

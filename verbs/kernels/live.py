@@ -102,14 +102,12 @@ def steer(
 
 
 @kernel
-def _marks_below(phases: F64, at: float) -> int:
-    """How many keytimes lie at or before an unwrapped phase."""
-    cycle = np.floor(at)
-    count = int(cycle) * phases.shape[0]
-    for m in range(phases.shape[0]):
-        if phases[m] <= at - cycle:
-            count += 1
-    return count
+def _passes(phases: F64, start: float, stop: float) -> float:
+    """1 where a keytime lies between two unwrapped phases; right at the second counts, right at the first does not."""
+    for phase in phases:
+        if np.floor(stop - phase) > np.floor(start - phase) or np.ceil(stop - phase) < np.ceil(start - phase):
+            return 1.0
+    return 0.0
 
 
 @kernel
@@ -128,18 +126,18 @@ def advance(
         timewarp.slopes(phases, keytimes, looping, tangents)
         duration = keytimes[count - 1]
         start = row[PHASE]
-        moving = 0.0 if row[FRESH] == 1.0 else row[PLAYING]
-        seconds = timewarp.time_at(phases, keytimes, tangents, start) + moving * row[SPEED] * step_s
+        gone = 0.0 if row[FRESH] == 1.0 else row[PLAYING] * row[SPEED] * step_s
+        seconds = timewarp.time_at(phases, keytimes, tangents, start) + gone
         cycles, end[ENDED], end[RESTARTED] = 0.0, 0.0, 0.0
-        if row[LOOP] > 0.0:
+        if row[LOOP] > 0.0 and gone != 0.0:
             cycles = np.floor(seconds / duration)
             seconds -= cycles * duration
             end[RESTARTED] = 1.0 if cycles != 0.0 and not looping else 0.0
-        elif moving > 0.0 and ((row[SPEED] > 0.0 and seconds >= duration) or (row[SPEED] < 0.0 and seconds <= 0.0)):
+        elif (gone > 0.0 and seconds >= duration) or (gone < 0.0 and seconds <= 0.0):
             end[ENDED] = 1.0
             row[PLAYING] = 0.0
         seconds = min(max(seconds, 0.0), duration)
-        if moving * row[SPEED] != 0.0:
+        if gone != 0.0:
             row[PHASE] = timewarp.phase_at(phases, keytimes, tangents, seconds)
             if row[LOOP] > 0.0 and looping and row[PHASE] >= 1.0:
                 row[PHASE], seconds = 0.0, 0.0
@@ -150,8 +148,7 @@ def advance(
         if row[FRESH] > 0.0 and row[PLAYING] > 0.0:
             behind = 1e-9 if row[SPEED] >= 0.0 else -1e-9
         end[FROM], end[TO] = start - behind, row[PHASE] + cycles
-        passed = behind != 0.0 or _marks_below(phases, end[FROM]) != _marks_below(phases, end[TO])
-        end[PASSED] = 1.0 if passed else 0.0
+        end[PASSED] = 1.0 if behind != 0.0 else _passes(phases, end[FROM], end[TO])
 
 
 @kernel
@@ -225,8 +222,8 @@ def hold(
     """Where a character is held within the follow window, correct its weights at that very phase.
 
     ``goals`` (B, 3) are effector positions inside the domain, ``asked`` (B, 3) those that were asked for; the
-    distance to these becomes the error (B,). Elsewhere weights and errors stay, after a fade. A motion that plays on out
-    of the window fades from the window's edge: correction beyond it would need huge weights.
+    distance to these becomes the error (B,). Elsewhere weights and errors stay, after a fade; what plays on out of the
+    window fades from its edge, as weights beyond it would be huge.
     """
     count = weights.shape[1]
     starts, rows = np.empty((3, count)), np.empty((4 * chain.shape[0], count))

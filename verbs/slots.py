@@ -1,0 +1,84 @@
+"""Arrays with a row per character: rows are taken, given back, and made more of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from verbs.conventions import F64, I64
+from verbs.kernels import live
+from verbs.verb import Verb
+
+__all__ = ["Slots"]
+
+_LEAST = 16
+
+
+class Slots:
+    """What is kept of each character of a verb; C rows, of which some are free.
+
+    Parameters
+    ----------
+    verb : Verb
+
+    Attributes
+    ----------
+    state : (C, 13) float64
+        See :mod:`verbs.kernels.live`.
+    asked : (C, D) float64
+        Goals: adverbs.
+    """
+
+    state: F64
+    asked: F64
+    _shown: F64
+    _velocity: F64
+    _offsets: F64
+    _last: F64
+    _weights: F64
+    _measured: F64
+    _error: F64
+    _clamped: F64
+    _known: I64
+
+    def __init__(self, verb: Verb) -> None:
+        self.verb = verb
+        self._free: list[int] = []
+        self._grow(_LEAST)
+
+    def __len__(self) -> int:
+        return len(self.state) - len(self._free)
+
+    def remove(self, slot: int) -> None:
+        """Forget a character; its slot will be another's."""
+        self._free.append(slot)
+
+    def _take(self) -> int:
+        """A free slot, its state zeroed."""
+        if not self._free:
+            self._grow(2 * len(self.state))
+        slot = self._free.pop()
+        self.state[slot] = 0.0
+        return slot
+
+    def _grow(self, capacity: int) -> None:
+        """Make room for so many characters."""
+        dims, joints, count = len(self.verb.adverbs), len(self.verb.skeleton), len(self.verb.examples)
+        had = len(getattr(self, "state", ()))
+        for name, shape in (
+            ("state", (live.COLUMNS,)),
+            ("asked", (dims,)),
+            ("_shown", (dims,)),
+            ("_velocity", (dims,)),
+            ("_offsets", (2, 3 + 3 * joints)),
+            ("_last", (2, 3 + 4 * joints)),
+            ("_weights", (count,)),
+            ("_measured", (len(self.verb.measure.axes),)),
+            ("_error", ()),
+            ("_clamped", ()),
+            ("_known", ()),
+        ):
+            larger = np.zeros((capacity, *shape), np.int64 if name == "_known" else np.float64)
+            if had:
+                larger[:had] = getattr(self, name)
+            setattr(self, name, larger)
+        self._free.extend(range(capacity - 1, had - 1, -1))

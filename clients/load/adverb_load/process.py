@@ -1,0 +1,150 @@
+"""Servers as processes: start one on a core of its own, read what it costs, end it."""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["CannotStart", "Served", "pinned", "serve"]
+
+START_S = 240.0
+"""Longest wait for a server; its kernels may have to be compiled first."""
+
+
+class CannotStart(Exception):
+    """The server did not start; the message has its last words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """A running server.
+
+    Parameters
+    ----------
+    pid : int
+    base : str
+        Its REST address.
+    """
+
+    pid: int
+    base: str
+
+    @property
+    def url(self) -> str:
+        """Address of its stream."""
+        return self.base.replace("http", "ws", 1) + "/v1/stream"
+
+    def cpu_s(self) -> float:
+        """CPU seconds of all its threads so far."""
+        return self._scheduled(0)
+
+    def waited_s(self) -> float:
+        """Seconds so far in which a thread could have run and others had its core."""
+        return self._scheduled(1)
+
+    def _scheduled(self, column: int) -> float:
+        total_ns = 0
+        for file in Path(f"/proc/{self.pid}/task").glob("*/schedstat"):
+            try:
+                total_ns += int(file.read_text().split()[column])
+            except (FileNotFoundError, ProcessLookupError):
+                continue  # a thread that just ended
+        return total_ns * 1e-9
+
+    def rss_mib(self) -> float:
+        """Resident memory, MiB."""
+        lines = Path(f"/proc/{self.pid}/status").read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:")) / 1024.0
+
+    def threads(self) -> int:
+        """How many threads it has."""
+        return len(os.listdir(f"/proc/{self.pid}/task"))
+
+    def files(self) -> int:
+        """How many files and sockets it has open."""
+        return len(os.listdir(f"/proc/{self.pid}/fd"))
+
+
+@contextmanager
+def pinned(core: int) -> Iterator[None]:
+    """Run on one core; what is started meanwhile stays there."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {core} if core in before else before)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+@contextmanager
+def serve(
+    command: Sequence[str], *, core: int | None, cwd: Path, environment: Mapping[str, str] | None = None
+) -> Iterator[Served]:
+    """A server that ends with the block.
+
+    Parameters
+    ----------
+    command : list of str
+        Prints a line with its address, ``… ready on http://HOST:PORT …``, on stderr.
+    core : int or None
+        Core that it runs on; any where None.
+    cwd : Path
+    environment : mapping or None
+        Beside that of this process.
+
+    Raises
+    ------
+    CannotStart
+    """
+    with pinned(core) if core is not None else _anywhere():
+        process = subprocess.Popen(
+            list(command),
+            cwd=cwd,
+            env={**os.environ, **(environment or {})},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+    log: list[str] = []
+    try:
+        yield Served(process.pid, _address(process, log))
+    finally:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+
+@contextmanager
+def _anywhere() -> Iterator[None]:
+    yield
+
+
+def _address(process: subprocess.Popen[bytes], log: list[str]) -> str:
+    """Wait for the line that names the address."""
+    assert process.stderr is not None
+    os.set_blocking(process.stderr.fileno(), False)
+    end, rest = time.monotonic() + START_S, b""
+    with selectors.DefaultSelector() as selector:
+        selector.register(process.stderr, selectors.EVENT_READ)
+        while time.monotonic() < end:
+            selector.select(timeout=0.5)
+            chunk = process.stderr.read()
+            if chunk == b"":
+                raise CannotStart(f"the server ended: {' | '.join(log[-5:])}")
+            *lines, rest = (rest + (chunk or b"")).split(b"\n")
+            log += [line.decode("utf-8", "replace") for line in lines]
+            for line in log:
+                _, found, after = line.partition("ready on http")
+                if found:
+                    return "http" + after.split(" ")[0].rstrip()
+    raise CannotStart(f"the server was not ready within {START_S:g} s: {' | '.join(log[-5:])}")

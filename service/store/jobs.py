@@ -1,0 +1,151 @@
+"""Refinement jobs as users see them, and the traffic that servers saw. Workers keep a log of their own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from sqlalchemy import Connection, Row, delete, insert, select, update
+from sqlalchemy.exc import IntegrityError
+
+from service.store import tables
+from service.store.records import (
+    ENDED,
+    STATES,
+    InvalidValue,
+    Job,
+    JobEnded,
+    JobExists,
+    UnknownJob,
+    check_text,
+    check_verb,
+    json_text,
+)
+from service.store.tables import Database
+
+__all__ = ["Jobs", "Traffic"]
+
+_CHANGEABLE = frozenset({"state", "progress", "version_before", "version_after", "detail"})
+
+
+class Jobs:
+    """Rows of refinement jobs.
+
+    Parameters
+    ----------
+    database : Database
+    clock : callable
+        Seconds since 1970, UTC.
+    """
+
+    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
+        self._database, self._clock = database, clock
+
+    def add(self, job: Job) -> None:
+        """Write a job down; raises :class:`JobExists` where its id is taken."""
+        check_verb(job.verb)
+        check_text("id", job.id, 200, empty=False)
+        values = {name: getattr(job, name) for name in Job.__slots__} | {"asked": json_text("asked", job.asked)}
+        values |= _checked({"state": job.state, "progress": job.progress, "detail": job.detail})
+        try:
+            with self._database.transaction(writes=True) as connection:
+                connection.execute(insert(tables.jobs).values(values))
+        except IntegrityError as err:
+            raise JobExists(job.id) from err
+
+    def get(self, id: str) -> Job:
+        """A job; raises :class:`UnknownJob`."""
+        with self._database.transaction() as connection:
+            return _find(connection, id)
+
+    def newest(self, *, verb: str | None, limit: int) -> list[Job]:
+        """The newest jobs, newest first."""
+        table = tables.jobs
+        query = select(table).order_by(table.c.created_at_s.desc(), table.c.id.desc()).limit(max(0, limit))
+        if verb is not None:
+            query = query.where(table.c.verb == verb)
+        with self._database.transaction() as connection:
+            return [_job(row) for row in connection.execute(query)]
+
+    def update(self, id: str, changes: Mapping[str, Any]) -> Job:
+        """Change fields of a job; raises :class:`UnknownJob`, or :class:`JobEnded` where it would go on again."""
+        values = _checked(changes) | {"updated_at_s": self._clock()}
+        with self._database.transaction(writes=True) as connection:
+            found = _find(connection, id, lock=True)
+            if found.state in ENDED and values.get("state", found.state) not in ENDED:
+                raise JobEnded(id, found.state)
+            connection.execute(update(tables.jobs).where(tables.jobs.c.id == id).values(values))
+            return _find(connection, id)
+
+    def reap(self, id: str) -> int:
+        """Count that another worker took a job over; returns how often that was."""
+        with self._database.transaction(writes=True) as connection:
+            count = _find(connection, id, lock=True).reaps + 1
+            values = {"reaps": count, "updated_at_s": self._clock()}
+            connection.execute(update(tables.jobs).where(tables.jobs.c.id == id).values(values))
+        return count
+
+
+class Traffic:
+    """What clients asked of each verb, as each server counted it.
+
+    Parameters
+    ----------
+    database : Database
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def put(self, verb: str, server: str, cells: Mapping[str, Any], now_s: float) -> None:
+        """Keep what a server counted; it takes the place of what the same server said before."""
+        check_verb(verb)
+        check_text("server", server, 200, empty=False)
+        values = {"cells": json_text("cells", cells), "at_s": float(now_s)}
+        write = self._database.insert(tables.traffic).values(verb=verb, server=server, **values)
+        with self._database.transaction(writes=True) as connection:
+            connection.execute(write.on_conflict_do_update(index_elements=["verb", "server"], set_=values))
+
+    def since(self, verb: str, *, not_before_s: float) -> list[Mapping[str, Any]]:
+        """Cells of every server that said something since, newest first."""
+        table = tables.traffic
+        query = select(table.c.cells).where(table.c.verb == verb, table.c.at_s >= not_before_s)
+        with self._database.transaction() as connection:
+            texts = connection.execute(query.order_by(table.c.at_s.desc(), table.c.server)).scalars()
+            return [json.loads(text) for text in texts]
+
+    def forget(self, *, before_s: float) -> list[str]:
+        """Remove what servers said before an instant and never since; returns their names, each with its verb."""
+        table = tables.traffic
+        with self._database.transaction(writes=True) as connection:
+            removed = delete(table).where(table.c.at_s < before_s).returning(table.c.verb, table.c.server)
+            return sorted(f"traffic of {verb} at {server}" for verb, server in connection.execute(removed))
+
+
+def _checked(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes as columns; raises :class:`InvalidValue`."""
+    values = dict(changes)
+    if not values.keys() <= _CHANGEABLE:
+        wrong = ", ".join(sorted(values.keys() - _CHANGEABLE))
+        raise InvalidValue(f"a job's {wrong} cannot change; what can is {', '.join(sorted(_CHANGEABLE))}")
+    if values.get("state", "queued") not in STATES:
+        raise InvalidValue(f"{values['state']!r:.40} is no state of a job: {', '.join(sorted(STATES))}")
+    if "progress" in values:
+        values["progress"] = json_text("progress", values["progress"])
+    if "detail" in values:
+        check_text("detail", values["detail"], 10_000)
+    return values
+
+
+def _find(connection: Connection, id: str, *, lock: bool = False) -> Job:
+    query = select(tables.jobs).where(tables.jobs.c.id == id)
+    row = connection.execute(query.with_for_update() if lock else query).first()
+    if row is None:
+        raise UnknownJob(id)
+    return _job(row)
+
+
+def _job(row: Row[Any]) -> Job:
+    values = dict(row._mapping)
+    return Job(**values | {name: json.loads(values[name]) for name in ("asked", "progress")})

@@ -1,0 +1,152 @@
+"""What is done to a verb's rows inside one transaction; :class:`service.store.store.Store` makes the transactions."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from sqlalchemy import Connection, delete, insert, select, update
+from sqlalchemy.sql import ColumnElement
+
+from service.store import tables
+from service.store.records import Conflict, Event, UnknownVerb, UnknownVersion, Version
+from service.store.tables import Database
+
+__all__ = ["Ledger", "Reason", "select_versions"]
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Who does something, why, and when (seconds since 1970, UTC)."""
+
+    who: str
+    why: str
+    at_s: float
+
+
+class Ledger:
+    """The rows of one verb in one transaction.
+
+    Parameters
+    ----------
+    database : Database
+    connection : Connection
+        In a transaction.
+    verb : str
+    """
+
+    def __init__(self, database: Database, connection: Connection, verb: str) -> None:
+        self._database, self._connection, self.verb = database, connection, verb
+
+    def lock(self) -> int:
+        """Wait until nobody else changes this verb; returns the highest number that was given, 0 for a new verb."""
+        made = self._database.insert(tables.verbs).values(name=self.verb, last=0).on_conflict_do_nothing()
+        self._connection.execute(made)
+        query = select(tables.verbs.c.last).where(tables.verbs.c.name == self.verb).with_for_update()
+        return int(self._connection.execute(query).scalar_one())
+
+    def current(self) -> int | None:
+        """Number of the version that the verb points to."""
+        query = select(tables.pointers.c.number).where(tables.pointers.c.verb == self.verb)
+        return self._connection.execute(query).scalar()
+
+    def expect(self, expected: int | None) -> None:
+        """Raise :class:`Conflict` where the verb does not point to what is expected; 0 expects none."""
+        found = self.current() or 0
+        if expected is not None and expected != found:
+            raise Conflict(self.verb, expected, found)
+
+    def versions(self) -> list[Version]:
+        """Every version, oldest first."""
+        return self._select(tables.versions.c.verb == self.verb)
+
+    def same(self, sha256: str, parent: int | None) -> Version | None:
+        """The version of this artifact and parent, where it was published before."""
+        table = tables.versions
+        found = self._select(table.c.verb == self.verb, table.c.sha256 == sha256, table.c.parent == parent)
+        return found[-1] if found else None
+
+    def add(self, version: Version) -> None:
+        """Write a version down; its number is the highest from now on."""
+        row = asdict(version) | {"quality": json.dumps(version.quality, separators=(",", ":"))}
+        self._connection.execute(insert(tables.versions).values(row))
+        self._connection.execute(
+            update(tables.verbs).where(tables.verbs.c.name == self.verb).values(last=version.number)
+        )
+
+    def point(self, number: int | None) -> None:
+        """Point to a version, or to none."""
+        table = tables.pointers
+        if number is None:
+            self._connection.execute(delete(table).where(table.c.verb == self.verb))
+            return
+        made = self._database.insert(table).values(verb=self.verb, number=number)
+        self._connection.execute(made.on_conflict_do_update(index_elements=["verb"], set_={"number": number}))
+
+    def turn(self, version: Version, reason: Reason, *, expected: int | None) -> None:
+        """Point to a version that there is, unless the verb does already; raises :class:`Conflict`."""
+        if self.current() == version.number:
+            return
+        self.expect(expected)
+        self.point(version.number)
+        self.note("activate", version.number, reason)
+
+    def note(self, kind: str, number: int, reason: Reason) -> None:
+        """Write an event into the history and tell whoever listens."""
+        event = Event(self.verb, kind, number, self.current(), reason.who, reason.why, reason.at_s)
+        self._connection.execute(insert(tables.events).values(asdict(event)))
+        self._database.notify(self._connection, self.verb)
+
+    def history(self, limit: int) -> list[Event]:
+        """The newest events, newest last."""
+        table = tables.events
+        columns = [table.c[name] for name in Event.__slots__]
+        query = select(*columns).where(table.c.verb == self.verb).order_by(table.c.id.desc()).limit(limit)
+        return [Event(*row) for row in self._connection.execute(query)][::-1]
+
+    def require(self) -> None:
+        """Raise :class:`UnknownVerb` where the name was never published."""
+        found = self._connection.execute(select(tables.verbs.c.name).where(tables.verbs.c.name == self.verb)).scalar()
+        if found is None:
+            raise self.unknown()
+
+    def unknown(self) -> UnknownVerb:
+        """An error that lists the verbs that point to something."""
+        names = select(tables.pointers.c.verb).order_by(tables.pointers.c.verb)
+        return UnknownVerb(self.verb, self._connection.execute(names).scalars())
+
+    def pick(self, number: int) -> Version:
+        """One version; raises :class:`UnknownVerb` or :class:`UnknownVersion`."""
+        self.require()
+        table = tables.versions
+        found = self._select(table.c.verb == self.verb, table.c.number == number)
+        if not found:
+            numbers = select(table.c.number).where(table.c.verb == self.verb).order_by(table.c.number)
+            raise UnknownVersion(self.verb, number, self._connection.execute(numbers).scalars())
+        return found[0]
+
+    def collect(self, *, keep: int, before_s: float) -> list[int]:
+        """Remove versions that nothing keeps; returns their numbers. See :meth:`service.store.store.Store.collect`."""
+        events = self.history(1)
+        if events and events[0].kind == "delete" and events[0].at_s < before_s:
+            keep = 0
+        versions, jobs = self.versions(), tables.jobs
+        running = select(jobs.c.version_before).where(jobs.c.verb == self.verb, jobs.c.state.in_(("queued", "running")))
+        kept = {self.current(), *self._connection.execute(running).scalars()}
+        kept |= {version.number for version in versions[max(0, len(versions) - keep) :]}
+        gone = [row.number for row in versions if row.number not in kept and row.created_at_s < before_s]
+        table = tables.versions
+        self._connection.execute(delete(table).where(table.c.verb == self.verb, table.c.number.in_(gone)))
+        return gone
+
+    def _select(self, *where: ColumnElement[bool]) -> list[Version]:
+        return select_versions(self._connection, *where)
+
+
+def select_versions(connection: Connection, *where: ColumnElement[bool]) -> list[Version]:
+    """Versions that fulfil conditions, in order of verb and number."""
+    columns = [tables.versions.c[name] for name in Version.__slots__]
+    query = select(*columns).where(*where).order_by(tables.versions.c.verb, tables.versions.c.number)
+    rows: list[dict[str, Any]] = [dict(row._mapping) for row in connection.execute(query)]
+    return [Version(**row | {"quality": json.loads(row["quality"])}) for row in rows]

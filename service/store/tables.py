@@ -1,0 +1,273 @@
+"""The tables, and the database that holds them: SQLite or PostgreSQL, one code for both."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    Connection,
+    Double,
+    Engine,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    create_engine,
+    event,
+    exc,
+    func,
+    insert,
+    make_url,
+    select,
+)
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.engine import URL
+
+from service.store.records import BadAddress, StoreError, StoreUnavailable
+
+__all__ = ["Database", "events", "jobs", "pointers", "traffic", "verbs", "versions"]
+
+LAYOUT = 1
+"""Version of the tables. A database with newer ones is refused."""
+
+CONNECTIONS = 4
+"""Most connections that a store holds, besides one for notices."""
+
+_SETTING_UP = 0x41645631  # keys of advisory locks
+_PUBLISHING = 0x41645632
+
+metadata = MetaData()
+
+layouts = Table("adverb_layout", metadata, Column("number", Integer, primary_key=True, autoincrement=False))
+
+verbs = Table(
+    "adverb_verbs",
+    metadata,
+    Column("name", String(63), primary_key=True),
+    Column("last", Integer, nullable=False),  # the highest number that was given, also to versions collected since
+)
+
+versions = Table(
+    "adverb_versions",
+    metadata,
+    Column("verb", String(63), ForeignKey("adverb_verbs.name"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("sha256", String(64), nullable=False, index=True),
+    Column("size_bytes", BigInteger, nullable=False),
+    Column("who", Text, nullable=False),
+    Column("why", Text, nullable=False),
+    Column("quality", Text, nullable=False),
+    Column("created_at_s", Double, nullable=False),
+    Column("parent", Integer),  # no foreign key: a parent may have been collected
+)
+
+pointers = Table(
+    "adverb_pointers",
+    metadata,
+    Column("verb", String(63), primary_key=True),
+    Column("number", Integer, nullable=False),
+    ForeignKeyConstraint(["verb", "number"], ["adverb_versions.verb", "adverb_versions.number"]),
+)
+
+events = Table(
+    "adverb_events",
+    metadata,
+    Column("id", BigInteger().with_variant(Integer, "sqlite"), primary_key=True),
+    Column("verb", String(63), ForeignKey("adverb_verbs.name"), nullable=False),
+    Column("kind", String(16), nullable=False),
+    Column("number", Integer, nullable=False),
+    Column("current", Integer),
+    Column("who", Text, nullable=False),
+    Column("why", Text, nullable=False),
+    Column("at_s", Double, nullable=False),
+    Index("adverb_events_of_verb", "verb", "id"),
+)
+
+jobs = Table(
+    "adverb_jobs",
+    metadata,
+    Column("id", String(200), primary_key=True),
+    Column("verb", String(63), nullable=False, index=True),
+    Column("state", String(16), nullable=False),
+    Column("asked", Text, nullable=False),
+    Column("progress", Text, nullable=False),
+    Column("reaps", Integer, nullable=False),
+    Column("version_before", Integer),
+    Column("version_after", Integer),
+    Column("detail", Text, nullable=False),
+    Column("created_at_s", Double, nullable=False, index=True),
+    Column("updated_at_s", Double, nullable=False),
+)
+
+traffic = Table(
+    "adverb_traffic",
+    metadata,
+    Column("verb", String(63), primary_key=True),
+    Column("server", String(200), primary_key=True),
+    Column("cells", Text, nullable=False),
+    Column("at_s", Double, nullable=False),
+)
+
+
+class Database:
+    """A database that is reached through a small pool, whose failures are one kind of error.
+
+    Parameters
+    ----------
+    address : str
+        ``sqlite:////absolute/state.db`` or ``postgresql://…``.
+    timeout_s : float
+        Longest wait for a connection, a lock or a statement, seconds.
+
+    Raises
+    ------
+    BadAddress
+        It is of another kind.
+    """
+
+    def __init__(self, address: str, *, timeout_s: float) -> None:
+        self.url, self.timeout_s = _url(address), timeout_s
+        self.sqlite = self.url.get_backend_name() == "sqlite"
+        self.available, self.closed = False, False
+        self._engine = self._make_engine()
+
+    def prepare(self) -> None:
+        """Make the tables where they are not there; raises :class:`StoreError` where they are newer than this code."""
+        if self.sqlite:
+            self._write_ahead()
+        with self.transaction(writes=True) as connection:
+            if not self.sqlite:
+                connection.execute(select(func.pg_advisory_xact_lock(_SETTING_UP)))
+            metadata.create_all(connection)
+            layout = connection.execute(select(func.max(layouts.c.number))).scalar()
+            if layout is None:
+                connection.execute(insert(layouts).values(number=LAYOUT))
+            elif layout > LAYOUT:
+                raise StoreError(f"the database has layout {layout}; this Adverb reads up to {LAYOUT}: upgrade it")
+
+    @contextmanager
+    def transaction(self, *, writes: bool = False) -> Iterator[Connection]:
+        """A transaction that is committed at the end, or rolled back by any exception.
+
+        Raises :class:`StoreUnavailable` where the database cannot be reached or does not answer in time.
+        """
+        if self.closed:
+            raise StoreUnavailable("it was closed")
+        try:
+            with self._engine.connect().execution_options(adverb_writes=writes) as connection, connection.begin():
+                self.available = True
+                yield connection
+        except (exc.IntegrityError, exc.ProgrammingError, exc.DataError):
+            raise  # a mistake of ours
+        except (exc.DBAPIError, exc.TimeoutError) as err:
+            self.available = False
+            raise StoreUnavailable(self.reason(err)) from err
+
+    def insert(self, table: Table) -> sqlite.Insert | postgresql.Insert:
+        """An insert that can say what to do about a row that is there already."""
+        return sqlite.insert(table) if self.sqlite else postgresql.insert(table)
+
+    def hold_blobs(self, connection: Connection, *, removing: bool) -> None:
+        """Until the transaction ends no blob is removed or, where ``removing``, none is published."""
+        if self.sqlite:
+            return  # there is one writer at a time anyway
+        lock = func.pg_advisory_xact_lock if removing else func.pg_advisory_xact_lock_shared
+        connection.execute(select(lock(_PUBLISHING)))
+
+    def notify(self, connection: Connection, verb: str) -> None:
+        """Tell whoever listens, when the transaction is committed, that a verb points elsewhere."""
+        if not self.sqlite:
+            from service.store.postgres import CHANNEL
+
+            connection.execute(select(func.pg_notify(CHANNEL, verb)))
+
+    def arguments(self) -> dict[str, Any]:
+        """Keyword arguments that connect a driver of one's own to the same place."""
+        _, arguments = self._engine.dialect.create_connect_args(self.url)
+        return dict(arguments) | {"tcp_user_timeout": int(1000 * self.timeout_s)}
+
+    def reason(self, err: BaseException) -> str:
+        """What went wrong, in one short line without the password."""
+        text = str(getattr(err, "orig", None) or err).strip() or type(err).__name__
+        line = text.splitlines()[0][:200]
+        password = self.url.password
+        return line.replace(str(password), "***") if password else line
+
+    def close(self) -> None:
+        """Close every connection; later calls raise :class:`StoreUnavailable`."""
+        self.closed = True
+        self._engine.dispose()
+
+    def _make_engine(self) -> Engine:
+        if self.sqlite:
+            return _file_engine(self.url, self.timeout_s)
+        from service.store.postgres import make_engine
+
+        return make_engine(self.url, timeout_s=self.timeout_s, connections=CONNECTIONS)
+
+    def _write_ahead(self) -> None:
+        """Turn on SQLite's write-ahead log, for good. While another process does so SQLite fails instead of waiting."""
+        deadline_s = time.monotonic() + self.timeout_s
+        while True:
+            try:
+                connection = sqlite3.connect(str(self.url.database), timeout=self.timeout_s)
+                try:
+                    connection.execute("PRAGMA journal_mode = WAL")
+                finally:
+                    connection.close()
+                return
+            except sqlite3.Error as err:
+                if "locked" not in str(err) or time.monotonic() > deadline_s:
+                    raise StoreUnavailable(self.reason(err)) from err
+                time.sleep(0.01)
+
+
+def _url(address: str) -> URL:
+    scheme = address.partition(":")[0]
+    kind = scheme.partition("+")[0]
+    if kind not in ("sqlite", "postgresql", "postgres"):
+        raise BadAddress(f"a database is 'sqlite:////absolute/file.db' or 'postgresql://…', not '{scheme:.40}:…'")
+    try:
+        url = make_url(address)
+    except (exc.ArgumentError, ValueError):
+        raise BadAddress(f"the database's address '{scheme}:…' cannot be read") from None  # it may hold a password
+    if kind != "sqlite":
+        return url.set(drivername="postgresql+psycopg")
+    if not url.database or not Path(url.database).is_absolute():
+        raise BadAddress("SQLite needs an absolute file: 'sqlite:////absolute/file.db'")
+    return url.set(drivername="sqlite+pysqlite")
+
+
+def _file_engine(url: URL, timeout_s: float) -> Engine:
+    engine = create_engine(
+        url,
+        pool_size=CONNECTIONS,
+        max_overflow=0,
+        pool_timeout=timeout_s,
+        hide_parameters=True,
+        connect_args={"timeout": timeout_s},
+    )
+
+    @event.listens_for(engine, "connect")
+    def _tune(connection: sqlite3.Connection, record: object) -> None:
+        connection.isolation_level = None  # transactions begin below, not where the driver thinks
+        connection.execute("PRAGMA foreign_keys = ON")
+        connection.execute("PRAGMA synchronous = FULL")
+
+    @event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        writes = connection.get_execution_options().get("adverb_writes")
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine

@@ -1,0 +1,63 @@
+"""What other processes do to a store while a test looks on. They start from a server that has it imported already."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from service.store.store import Store
+from tests.service.store.conftest import Place
+
+PROCESSES = multiprocessing.get_context("forkserver")
+PROCESSES.set_forkserver_preload(["service.store.store", "psycopg", "tests.service.store.conftest"])
+
+
+def start(work: Any, *arguments: Any) -> BaseProcess:
+    child = PROCESSES.Process(target=work, args=arguments, daemon=True)
+    child.start()
+    return child
+
+
+def publish_many(place: Place, folder: Path, name: str, count: int, barrier: Any) -> None:
+    """Publish different artifacts as fast as it goes, once everybody is ready."""
+    store = place.open(timeout_s=30.0)
+    file = folder / f"{name}.verb"
+    barrier.wait(30)
+    for k in range(count):
+        file.write_text(f"{name} {k}")
+        store.publish("reach", file, who=name, why="race", quality={})
+    store.close()
+
+
+def publish_and_die(place: Place, file: Path, at: str) -> None:
+    """Publish, and be killed before a step."""
+
+    def die(step: str) -> None:
+        if step == at:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    place.open().publish("reach", file, who="child", why="dies", quality={}, at=die)
+
+
+def publish_when_told(place: Place, file: Path, told: Any, times: Any) -> None:
+    """Publish each time when told; send the time at which it was done."""
+    store = place.open()
+    told.send("ready")
+    while told.recv():
+        file.write_text(str(time.monotonic()))
+        version = store.publish("reach", file, who="child", why="news", quality={})
+        times.send((version.number, time.monotonic()))
+    store.close()
+
+
+def open_once(place: Place, barrier: Any, results: Any) -> None:
+    """Open a store that nobody has opened before, at the same time as others."""
+    barrier.wait(30)
+    store: Store = place.open(timeout_s=30.0)
+    results.put(store.current())
+    store.close()

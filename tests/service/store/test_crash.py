@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import hashlib
+import signal
+import time
+
+import pytest
+
+from service.store.store import STEPS
+from tests.service.store.children import PROCESSES, open_once, publish_and_die, publish_many, start
+
+WHY = {"who": "ada", "why": "a test", "quality": {}}
+HOURS_S = 3600.0
+
+
+def test_two_processes_that_publish_one_name_get_all_numbers(place, tmp_path):
+    barrier = PROCESSES.Barrier(2)
+    children = [start(publish_many, place, tmp_path, name, 20, barrier) for name in ("left", "right")]
+    for child in children:
+        child.join(50)
+        assert child.exitcode == 0
+    store = place.open()
+    versions = store.versions("reach")
+    assert [version.number for version in versions] == list(range(1, 41))
+    assert [event.number for event in store.history("reach")] == list(range(1, 41))
+    assert store.current()["reach"].number == 40
+    for version in versions:
+        assert hashlib.sha256(store.path(version).read_bytes()).hexdigest() == version.sha256
+    assert len(place.files()) == 40
+    store.close()
+
+
+def test_processes_may_open_a_new_store_at_once(place):
+    barrier, results = PROCESSES.Barrier(4), PROCESSES.Queue()
+    children = [start(open_once, place, barrier, results) for _ in range(4)]
+    assert [results.get(timeout=30) for _ in children] == [{}] * 4
+    for child in children:
+        child.join(10)
+        assert child.exitcode == 0
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_publisher_killed_at_any_step_leaves_no_half_version(place, artifact, tmp_path, step):
+    store = place.open()
+    first = store.publish("reach", artifact("one"), **WHY)
+    second = tmp_path / "second.verb"
+    second.write_text("two" * 1000)
+    child = start(publish_and_die, place, second, step)
+    child.join(30)
+    assert child.exitcode == -signal.SIGKILL
+    assert store.current() == {"reach": first}
+    assert store.versions("reach") == [first]
+    assert [event.number for event in store.history("reach")] == [1]
+    left = place.files() - {f"{first.sha256}.verb"}
+    assert len(left) == (step != "write")
+    assert store.collect(now_s=time.time()) == []  # a young file may belong to somebody who is at work
+    assert store.collect(now_s=time.time() + 2 * HOURS_S) == sorted(left)
+    assert place.files() == {f"{first.sha256}.verb"}
+    assert store.publish("reach", second, **WHY).number == 2
+    assert store.path(store.current()["reach"]).read_bytes() == second.read_bytes()
+    store.close()

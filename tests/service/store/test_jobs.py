@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from service.store.store import InvalidValue, Job, JobEnded, JobExists, UnknownJob
+
+JOB = Job("j1", "reach", "queued", {"max_pseudo": 9}, {}, 0, 3, None, "", 10.0, 10.0)
+
+
+def test_a_job_is_kept_as_it_was_given(store):
+    store.add_job(JOB)
+    assert store.job("j1") == JOB
+    with pytest.raises(JobExists, match="'j1' already"):
+        store.add_job(JOB)
+    with pytest.raises(UnknownJob, match="no refinement job 'j2'"):
+        store.job("j2")
+
+
+def test_jobs_are_listed_newest_first(store):
+    for k, verb in enumerate(["reach", "punch", "reach"]):
+        store.add_job(replace(JOB, id=f"j{k}", verb=verb, created_at_s=float(k)))
+    assert [job.id for job in store.jobs()] == ["j2", "j1", "j0"]
+    assert [job.id for job in store.jobs(verb="reach")] == ["j2", "j0"]
+    assert [job.id for job in store.jobs(limit=1)] == ["j2"]
+
+
+def test_a_job_goes_on_and_ends(store, clock):
+    store.add_job(JOB)
+    job = store.update_job("j1", state="running", progress={"share": 0.5})
+    assert job == store.job("j1")
+    assert (job.state, job.progress, job.updated_at_s) == ("running", {"share": 0.5}, clock.now_s)
+    store.update_job("j1", state="published", version_after=4, detail="better by 12 %")
+    store.update_job("j1", state="published")
+    with pytest.raises(JobEnded, match="has ended .published."):
+        store.update_job("j1", state="running")
+    assert store.update_job("j1", progress={"share": 1.0}).state == "published"
+    with pytest.raises(UnknownJob):
+        store.update_job("j2", state="running")
+
+
+def test_what_a_job_cannot_be_is_refused(store):
+    store.add_job(JOB)
+    with pytest.raises(InvalidValue, match="'done' is no state"):
+        store.update_job("j1", state="done")
+    with pytest.raises(InvalidValue, match="a job's verb cannot change"):
+        store.update_job("j1", verb="punch")
+    with pytest.raises(InvalidValue, match="1048576 bytes"):
+        store.update_job("j1", progress={"x": "y" * 1_100_000})
+    with pytest.raises(InvalidValue, match="no state"):
+        store.add_job(replace(JOB, id="j2", state="done"))
+    assert store.job("j1") == JOB
+
+
+def test_reaps_are_counted(store):
+    store.add_job(JOB)
+    assert [store.count_reap("j1") for _ in range(3)] == [1, 2, 3]
+    assert store.job("j1").reaps == 3
+    with pytest.raises(UnknownJob):
+        store.count_reap("j2")
+
+
+def test_traffic_of_each_server_is_kept_once(store):
+    store.put_traffic("reach", "a", {"cells": {"0,0": 1}}, 10.0)
+    store.put_traffic("reach", "a", {"cells": {"0,0": 2}}, 20.0)
+    store.put_traffic("reach", "b", {"cells": {"1,0": 5}}, 30.0)
+    store.put_traffic("punch", "a", {"cells": {}}, 30.0)
+    assert store.traffic("reach", not_before_s=0.0) == [{"cells": {"1,0": 5}}, {"cells": {"0,0": 2}}]
+    assert store.traffic("reach", not_before_s=20.5) == [{"cells": {"1,0": 5}}]
+    assert store.traffic("kick", not_before_s=0.0) == []
+
+
+def test_traffic_is_bounded(store):
+    with pytest.raises(InvalidValue, match="'cells'"):
+        store.put_traffic("reach", "a", {"x": "y" * 1_100_000}, 1.0)
+    with pytest.raises(InvalidValue, match="'server'"):
+        store.put_traffic("reach", "", {}, 1.0)

@@ -1,0 +1,207 @@
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+
+from service.store.store import BadAddress, Conflict, InvalidValue, Store, StoreError, UnknownVerb, UnknownVersion
+from verbs.errors import ArtifactError
+
+WHY = {"who": "ada", "why": "a test", "quality": {"error_mean_m": 0.001}}
+ACT = {"who": "ada", "why": "a test"}
+
+
+def test_a_published_version_is_current_and_readable(store, artifact):
+    file = artifact("one")
+    version = store.publish("reach", file, **WHY)
+    assert (version.verb, version.number, version.parent) == ("reach", 1, None)
+    assert version.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert version.size_bytes == file.stat().st_size
+    assert store.current() == {"reach": version}
+    assert store.versions("reach") == [version]
+    assert store.version("reach", 1) == version
+    assert store.path(version).read_bytes() == file.read_bytes()
+    assert store.path(version).name == f"{version.sha256}.verb"
+    assert store.available
+
+
+def test_a_store_opened_again_knows_everything(store, place, artifact):
+    version = store.publish("reach", artifact("one"), **WHY)
+    other = place.open()
+    assert other.current() == {"reach": version}
+    assert other.history("reach") == store.history("reach")
+    other.close()
+
+
+def test_numbers_count_per_verb_and_the_newest_is_current(store, artifact):
+    for k, (verb, number) in enumerate([("reach", 1), ("punch", 1), ("reach", 2), ("reach", 3)]):
+        assert store.publish(verb, artifact(f"{k}"), **WHY).number == number
+    assert {name: version.number for name, version in store.current().items()} == {"punch": 1, "reach": 3}
+    assert [version.number for version in store.versions("reach")] == [1, 2, 3]
+
+
+def test_publishing_the_same_again_gives_the_version_that_there_is(store, artifact):
+    first = store.publish("reach", artifact("one"), **WHY)
+    assert store.publish("reach", artifact("one"), **WHY, expected=0) == first
+    second = store.publish("reach", artifact("two"), **WHY)
+    assert store.publish("reach", artifact("one"), **WHY, activate=False) == first
+    assert store.current()["reach"] == second
+    assert store.publish("reach", artifact("one"), **WHY) == first
+    assert store.current()["reach"] == first
+    refined = store.publish("reach", artifact("one"), **WHY, parent=2)
+    assert (refined.number, refined.sha256) == (3, first.sha256)
+    assert [event.kind for event in store.history("reach")] == ["publish", "publish", "activate", "publish"]
+
+
+def test_a_version_can_be_published_without_being_served(store, artifact):
+    store.publish("reach", artifact("one"), **WHY, activate=False)
+    assert store.current() == {}
+    assert store.history("reach")[0].current is None
+    assert store.activate("reach", 1, **ACT).number == 1
+    assert store.current()["reach"].number == 1
+
+
+def test_rolling_back_and_forward(store, artifact):
+    for text in ("one", "two"):
+        store.publish("reach", artifact(text), **WHY)
+    assert store.activate("reach", 1, **ACT).number == 1
+    assert store.current()["reach"].number == 1
+    store.activate("reach", 1, **ACT)
+    store.activate("reach", 2, **ACT)
+    assert [(event.kind, event.number, event.current) for event in store.history("reach")] == [
+        ("publish", 1, 1),
+        ("publish", 2, 2),
+        ("activate", 1, 1),
+        ("activate", 2, 2),
+    ]
+
+
+def test_a_deleted_verb_is_revived_and_numbers_go_on(store, artifact):
+    store.publish("reach", artifact("one"), **WHY)
+    store.delete("reach", **ACT)
+    assert store.current() == {}
+    assert [version.number for version in store.versions("reach")] == [1]
+    with pytest.raises(UnknownVerb, match="there is no verb 'reach'; there are: none"):
+        store.delete("reach", **ACT)
+    assert store.publish("reach", artifact("two"), **WHY).number == 2
+    store.delete("reach", **ACT)
+    assert store.activate("reach", 1, **ACT).number == 1
+    assert store.current()["reach"].number == 1
+    kinds = [(event.kind, event.number, event.current) for event in store.history("reach")]
+    assert kinds[1] == ("delete", 1, None)
+    assert kinds[-1] == ("activate", 1, 1)
+
+
+def test_history_says_who_why_and_when(store, artifact):
+    store.publish("reach", artifact("one"), who="ada", why="first", quality={})
+    store.publish("reach", artifact("two"), who="bob", why="better", quality={})
+    store.delete("reach", who="eve", why="spite")
+    events = store.history("reach")
+    assert [(event.who, event.why) for event in events] == [("ada", "first"), ("bob", "better"), ("eve", "spite")]
+    assert [event.at_s for event in events] == sorted(event.at_s for event in events)
+    assert store.history("reach", limit=1) == events[-1:]
+
+
+def test_expecting_another_version_is_a_conflict_and_changes_nothing(store, artifact):
+    with pytest.raises(Conflict, match="points to no version, not to 4") as caught:
+        store.publish("reach", artifact("one"), **WHY, expected=4)
+    assert (caught.value.verb, caught.value.expected, caught.value.found) == ("reach", 4, 0)
+    store.publish("reach", artifact("one"), **WHY, expected=0)
+    store.publish("reach", artifact("two"), **WHY, expected=1)
+    with pytest.raises(Conflict, match="points to version 2, not to none: read it again"):
+        store.publish("reach", artifact("three"), **WHY, expected=0)
+    with pytest.raises(Conflict):
+        store.publish("reach", artifact("three"), **WHY, expected=1, activate=False)
+    with pytest.raises(Conflict):
+        store.activate("reach", 1, **ACT, expected=1)
+    with pytest.raises(Conflict):
+        store.delete("reach", **ACT, expected=1)
+    assert store.current()["reach"].number == 2
+    assert len(store.history("reach")) == len(store.versions("reach")) == 2
+    store.activate("reach", 1, **ACT, expected=2)
+    store.activate("reach", 1, **ACT, expected=2)  # asked again: it is as asked for
+    store.delete("reach", **ACT, expected=1)
+
+
+def test_unknown_verbs_and_versions_say_what_there_is(store, artifact):
+    for ask in (store.versions, store.history, lambda verb: store.version(verb, 1)):
+        with pytest.raises(UnknownVerb):
+            ask("reach")
+    with pytest.raises(UnknownVerb):
+        store.activate("reach", 1, **ACT)
+    with pytest.raises(UnknownVersion):
+        store.publish("reach", artifact("one"), **WHY, parent=1)
+    with pytest.raises(UnknownVerb):
+        store.versions("reach")  # what failed left no name behind
+    store.publish("reach", artifact("one"), **WHY)
+    with pytest.raises(UnknownVerb, match="there are: reach") as verb:
+        store.versions("punch")
+    assert (verb.value.verb, verb.value.known) == ("punch", ("reach",))
+    for ask in (lambda: store.version("reach", 7), lambda: store.activate("reach", 7, **ACT)):
+        with pytest.raises(UnknownVersion, match="verb 'reach' has no version 7; there are: 1") as version:
+            ask()
+        assert version.value.known == (1,)
+
+
+def test_what_cannot_be_kept_is_refused(store, artifact, tmp_path):
+    file = artifact("one")
+    for verb in ("", "Reach", "../reach", "x" * 64):
+        with pytest.raises(InvalidValue, match="is no verb name"):
+            store.publish(verb, file, **WHY)
+    for quality in ({"x": float("nan")}, {"x": object()}, {"x": "y" * 1_100_000}):
+        with pytest.raises(InvalidValue, match="'quality'"):
+            store.publish("reach", file, who="ada", why="", quality=quality)
+    for who in ("", "a" * 201, "a\0", "a\ud800"):
+        with pytest.raises(InvalidValue, match="'who'"):
+            store.publish("reach", file, who=who, why="", quality={})
+    with pytest.raises(ArtifactError, match="cannot be opened"):
+        store.publish("reach", tmp_path / "none.verb", **WHY)
+    assert store.current() == {}
+
+
+def test_one_artifact_is_kept_once(store, place, artifact):
+    one = store.publish("reach", artifact("one"), **WHY)
+    two = store.publish("punch", artifact("one"), **WHY)
+    assert store.path(one) == store.path(two)
+    assert place.files() == {f"{one.sha256}.verb"}
+
+
+def test_steps_of_publishing_are_told_in_order(store, artifact):
+    from service.store.store import STEPS
+
+    steps = []
+    store.publish("reach", artifact("one"), **WHY, at=steps.append)
+    assert tuple(steps) == STEPS
+
+
+@pytest.mark.parametrize(
+    ("database", "message"),
+    [
+        ("mysql://user:secret@host/x", "not 'mysql:…'"),
+        ("sqlite:///relative.db", "absolute file"),
+        ("sqlite://", "absolute file"),
+        ("postgresql://user:secret@host:port/x", "cannot be read"),
+    ],
+)
+def test_bad_database_addresses_are_named_without_secrets(tmp_path, database, message):
+    with pytest.raises(BadAddress, match=message) as caught:
+        Store.open(database, str(tmp_path))
+    assert "secret" not in str(caught.value)
+
+
+def test_tables_of_a_newer_adverb_are_refused(store, place):
+    from sqlalchemy import update
+
+    from service.store import tables
+
+    with store._database.transaction(writes=True) as connection:
+        connection.execute(update(tables.layouts).values(number=tables.LAYOUT + 1))
+    with pytest.raises(StoreError, match="upgrade it"):
+        place.open()
+
+
+def test_all_names_are_public():
+    from service.store import store as module
+
+    assert all(hasattr(module, name) for name in module.__all__)
+    assert len(set(module.__all__)) == len(module.__all__)

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import sqlite3
+import time
+from contextlib import closing, contextmanager
+
+import psycopg
+import pytest
+
+from service.store.store import Store, StoreUnavailable
+from tests.service.store.postgres import OTHERS
+
+WHY = {"who": "ada", "why": "a test", "quality": {}}
+
+
+@contextmanager
+def held(database: str):
+    """Somebody else holds what every writer needs."""
+    if database.startswith("sqlite"):
+        with closing(sqlite3.connect(database.removeprefix("sqlite:///"), isolation_level=None)) as connection:
+            connection.execute("BEGIN EXCLUSIVE")
+            yield
+            connection.execute("ROLLBACK")
+        return
+    with psycopg.connect(database) as connection:
+        connection.execute("LOCK TABLE adverb_verbs IN ACCESS EXCLUSIVE MODE")
+        yield
+        connection.rollback()
+
+
+def test_a_held_lock_is_waited_for_no_longer_than_said(place, artifact):
+    store = place.open(timeout_s=0.5)
+    store.publish("reach", artifact("one"), **WHY)
+    with held(place.database):
+        began = time.monotonic()
+        with pytest.raises(StoreUnavailable) as caught:
+            store.publish("reach", artifact("two"), **WHY)
+        assert 0.3 < time.monotonic() - began < 4.0
+        assert not store.available
+        assert "lock" in caught.value.reason
+        assert len(caught.value.reason) <= 200
+    assert store.publish("reach", artifact("two"), **WHY).number == 2
+    assert store.available
+    store.close()
+
+
+def test_a_postgresql_that_stops_and_comes_back(postgres, tmp_path, artifact):
+    store = Store.open(postgres.database(), str(tmp_path / "artifacts"))
+    version = store.publish("reach", artifact("one"), **WHY)
+    postgres.stop()
+    try:
+        for call in (
+            store.current,
+            lambda: store.publish("reach", artifact("two"), **WHY),
+            lambda: store.collect(now_s=0.0),
+            lambda: store.job("x"),
+        ):
+            began = time.monotonic()
+            with pytest.raises(StoreUnavailable):
+                call()
+            assert time.monotonic() - began < 5.0
+            assert not store.available
+        with pytest.raises(StoreUnavailable):
+            Store.open(postgres.address("postgres"), str(tmp_path / "artifacts"))
+        assert store.path(version).exists()  # artifacts do not need the database
+    finally:
+        postgres.start()
+    assert store.current() == {"reach": version}
+    assert store.available
+    assert store.publish("reach", artifact("two"), **WHY).number == 2
+    store.close()
+
+
+def test_a_postgresql_that_freezes_is_not_waited_for(postgres, folder, artifact):
+    store = Store.open(postgres.database(), str(folder), timeout_s=0.5)
+    store.publish("reach", artifact("one"), **WHY)
+    with postgres.frozen():
+        began = time.monotonic()
+        with pytest.raises(StoreUnavailable, match="timeout|does not answer"):
+            store.current()
+        assert time.monotonic() - began < 5.0
+        assert not store.available
+    assert store.current()["reach"].number == 1
+    assert store.publish("reach", artifact("two"), **WHY).number == 2
+    store.close()
+
+
+def test_a_server_that_freezes_in_a_transaction_is_not_waited_for(postgres, folder, artifact):
+    store = Store.open(postgres.database(), str(folder), timeout_s=0.5)
+    frozen = postgres.frozen()
+
+    with pytest.raises(StoreUnavailable, match="does not answer within 0.5 s"):
+        store.publish("reach", artifact("one"), **WHY, at=lambda step: step == "commit" and frozen.__enter__())
+    frozen.__exit__(None, None, None)
+    assert store.publish("reach", artifact("one"), **WHY).number == 1
+    assert len(store.versions("reach")) == 1  # whether the first was committed or not
+    store.close()
+
+
+def test_a_connection_that_dies_while_it_is_used(postgres, tmp_path, artifact):
+    address = postgres.database()
+    store = Store.open(address, str(tmp_path / "artifacts"))
+
+    def cut(step: str) -> None:
+        if step == "commit":
+            with psycopg.connect(address, autocommit=True) as other:
+                other.execute(f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE {OTHERS}")
+
+    with pytest.raises(StoreUnavailable):
+        store.publish("reach", artifact("one"), **WHY, at=cut)
+    assert store.current() == {}
+    assert store.publish("reach", artifact("one"), **WHY).number == 1
+    store.close()
+
+
+def test_reasons_name_no_password(postgres, tmp_path):
+    address = f"postgresql://adverb:hunter2@/none?host={postgres.folder}"
+    with pytest.raises(StoreUnavailable, match='database "none" does not exist') as caught:
+        Store.open(address, str(tmp_path))
+    assert "hunter2" not in str(caught.value)
+
+
+def test_a_file_that_is_no_database(tmp_path):
+    (tmp_path / "state.db").write_bytes(b"not a database" * 1000)
+    with pytest.raises(StoreUnavailable, match="file is not a database"):
+        Store.open(f"sqlite:///{tmp_path}/state.db", str(tmp_path / "artifacts"))
+
+
+def test_a_folder_that_cannot_be(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreUnavailable, match="folder cannot be made: Not a directory"):
+        Store.open(f"sqlite:///{tmp_path}/state.db", str(tmp_path / "file" / "artifacts"))
+
+
+def test_a_closed_store_says_so(store):
+    store.close()
+    with pytest.raises(StoreUnavailable, match="closed"):
+        store.current()

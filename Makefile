@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export NUMBA_CACHE_DIR ?= $(CURDIR)/.cache/numba
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup serve test lint types lock generate bench clean
+.PHONY: help setup serve test lint types lock generate load bench-streams bench clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -50,6 +50,12 @@ generate: setup  ## rewrite generated files: openapi.json, built-in verbs
 	@$(BIN)/python -m verbs.library.author
 	@$(BIN)/python -m verbs.library.author.build
 	@$(BIN)/python -m service.openapi
+
+load: setup  ## ask a local server for poses and sequences for 20 s (Locust), and print what it answered
+	@$(BIN)/python clients/load/rest.py --serve --seconds 20
+
+bench-streams: setup  ## measure streams: 600 × 1 and 50 × 60 characters at 60 fps, beside a bare push loop
+	@$(BIN)/python -m benchmarks.streams
 
 bench: setup  ## measure speed; prints ratios in one run
 	@$(BIN)/python -m benchmarks

@@ -18,7 +18,7 @@ from verbs.errors import RequestError, UnknownName
 from verbs.evaluate import Evaluator
 from verbs.verb import Verb
 
-__all__ = ["Catalog", "Entry", "Skipped", "load"]
+__all__ = ["Catalog", "Entry", "Skipped", "files_of", "load", "skipped"]
 
 MAX_SUBSETS = 64
 """Joint subsets that an entry remembers; a client uses one or two."""
@@ -144,6 +144,19 @@ def _warm(evaluator: Evaluator) -> None:
     Characters(evaluator).warm()
 
 
+def files_of(data: Path | None) -> list[Path]:
+    """The built-in verbs' files, then those of a folder."""
+    builtin = [Path(library.__file__).with_name(f"{name}.verb") for name in library.names()]
+    return [*builtin, *sorted(data.glob("*.verb") if data else ())]
+
+
+def skipped(path: Path, err: Exception) -> Skipped:
+    """Log and tell that a file cannot be served."""
+    problem = str(getattr(err, "problem", err)) or type(err).__name__  # without the path: clients read it
+    log.error("verb file skipped", file=str(path), problem=problem, kind=type(err).__name__)
+    return Skipped(path.name, problem)
+
+
 def load(data: Path | None) -> Catalog:
     """Load the built-in verbs and those of a folder; what cannot be served is logged and left out.
 
@@ -151,21 +164,18 @@ def load(data: Path | None) -> Catalog:
     in order of file names, is served.
     """
     entries: dict[str, Entry] = {}
-    skipped: list[Skipped] = []
-    builtin = [Path(library.__file__).with_name(f"{name}.verb") for name in library.names()]
-    for path in (*builtin, *sorted(data.glob("*.verb") if data else ())):
+    wrong: list[Skipped] = []
+    for path in files_of(data):
         try:
             entry = Entry.of_verb(artifact.load(path), path=path)
             before = entries.get(entry.verb.name)
             if before is not None and before.path.parent == path.parent:
                 raise RequestError(f"its verb '{entry.verb.name}' is already served from {before.path.name}")
         except Exception as err:  # whatever is wrong with one file, the others are served
-            problem = str(getattr(err, "problem", err)) or type(err).__name__  # without the path: clients read it
-            skipped.append(Skipped(path.name, problem))
-            log.error("verb file skipped", file=str(path), problem=problem, kind=type(err).__name__)
+            wrong.append(skipped(path, err))
             continue
         if before is not None:
             log.warning("built-in verb replaced", verb=entry.verb.name, file=str(path))
         entries[entry.verb.name] = entry
         log.debug("verb loaded", verb=entry.verb.name, file=str(path), etag=entry.etag)
-    return Catalog(MappingProxyType(dict(sorted(entries.items()))), tuple(skipped))
+    return Catalog(MappingProxyType(dict(sorted(entries.items()))), tuple(wrong))

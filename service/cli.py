@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,8 @@ __all__ = ["main"]
 
 USER_ERROR = 1
 
+DEFAULT_DATA = Path("data")
+
 
 def main() -> None:
     """Run the command line."""
@@ -25,7 +28,9 @@ def main() -> None:
 def serve_command(
     host: Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")] = None,
     port: Annotated[int | None, typer.Option(help="Port; 0 takes a free one. [default: 8000]")] = None,
-    data: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder with built verbs (*.verb).")] = None,
+    data: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder in which verbs are kept. [default: data, made here]")
+    ] = None,
     log_level: Annotated[str | None, typer.Option(help="debug, info, warning or error. [default: info]")] = None,
     log_json: Annotated[bool | None, typer.Option("--log-json/--log-text", help="How to log.")] = None,
     allow_public: Annotated[
@@ -39,25 +44,51 @@ def serve_command(
 
     Example: [bold]adverb serve --data verbs --port 8000[/]
     """
-    options: dict[str, Any] = {
-        "host": host,
-        "port": port,
-        "data": data,
-        "log_level": log_level,
-        "log_json": log_json,
-        "allow_public": allow_public,
-    }
-    try:
-        settings = Settings(**{name: value for name, value in options.items() if value is not None})
-    except ValidationError as err:
-        for row in err.errors():
-            name = str(row["loc"][0]) if row["loc"] else "settings"
-            typer.echo(f"error: ADVERB_{name.upper()} (--{name.replace('_', '-')}): {row['msg']}", err=True)
-        raise typer.Exit(USER_ERROR) from err
+    settings = _settings(
+        host=host, port=port, data=data, log_level=log_level, log_json=log_json, allow_public=allow_public
+    )
+    if settings.data is None:
+        settings = settings.model_copy(update={"data": DEFAULT_DATA})
+        DEFAULT_DATA.mkdir(exist_ok=True)
     from service import server  # a fifth of a second that the other commands need not wait for
 
     try:
         server.serve(settings, say=lambda text: typer.echo(text, err=True))
     except server.CannotServe as err:
         typer.echo(f"error: {err}", err=True)
+        raise typer.Exit(USER_ERROR) from err
+
+
+@cli.app.command("worker")
+def worker_command(
+    name: Annotated[str | None, typer.Option(help="Name of this worker, the same at every start.")] = None,
+    data: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder in which verbs are kept.")] = None,
+) -> None:
+    """Refine verbs for servers that share a database and artifacts with this worker.
+
+    Example: [bold]ADVERB_DATABASE_URL=postgresql://… adverb worker --name worker-1[/]
+    """
+    settings = _settings(data=data)
+    if settings.data is None:
+        settings = settings.model_copy(update={"data": DEFAULT_DATA})
+    from service import logs
+    from service.worker import main as worker
+
+    logs.configure(settings)
+    worker.run(
+        settings.database,
+        settings.artifacts,
+        executor_id=name or platform.node() or "worker",
+        say=lambda text: typer.echo(text, err=True),
+    )
+
+
+def _settings(**options: Any) -> Settings:
+    """Settings of the options that were given; exits with a message for each that is wrong."""
+    try:
+        return Settings(**{name: value for name, value in options.items() if value is not None})
+    except ValidationError as err:
+        for row in err.errors():
+            field = str(row["loc"][0]) if row["loc"] else "settings"
+            typer.echo(f"error: ADVERB_{field.upper()} (--{field.replace('_', '-')}): {row['msg']}", err=True)
         raise typer.Exit(USER_ERROR) from err

@@ -37,7 +37,9 @@ from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from verbs.errors import OutOfRange, SkeletonMismatch, UnknownName, VerbError
+from service.store import records
+from service.store.records import StoreError
+from verbs.errors import OutOfRange, RequestError, SkeletonMismatch, UnknownName, VerbError
 
 __all__ = [
     "PROBLEMS",
@@ -188,9 +190,7 @@ PROBLEMS: dict[str, Problem] = {
         Problem(422, "out_of_range", "Out of range", "The detail says which number, and its bounds."),
         Problem(422, "bad_request", "Request cannot be answered", "The detail says why."),
         Problem(404, "unknown_refinement", "Unknown refinement", "GET /v1/refinements lists those that exist."),
-        Problem(
-            409, "already_refining", "Already refining", "Follow or cancel the one that `refinement` names."
-        ),
+        Problem(409, "already_refining", "Already refining", "Follow or cancel the one that `refinement` names."),
         Problem(409, "read_only", "Server keeps nothing", "Start the server with a data folder (--data)."),
         Problem(412, "version_conflict", "Other version", "Look at version `current`, and try again with its number."),
         Problem(503, "store_unavailable", "Store unavailable", "Verbs are served on; try again after `Retry-After`."),
@@ -251,6 +251,8 @@ def response_of(err: Exception) -> Response:
         return problem(_SERVICE_CODES[type(err)], err.detail, headers=err.headers, **err.extra)
     if isinstance(err, VerbError):
         return _of_library(err)
+    if isinstance(err, StoreError) and (said := _of_store(err)) is not err:
+        return response_of(said)
     if isinstance(err, RequestValidationError):
         listed = _mistakes(err.errors())
         return problem("invalid_request", f"{listed[0]['at']}: {listed[0]['problem']}", errors=listed)
@@ -263,6 +265,25 @@ def response_of(err: Exception) -> Response:
 def _of_library(err: VerbError) -> Response:
     extra: dict[str, Any] = {"known": list(err.known)} if isinstance(err, UnknownName) else {}
     return problem(*code_of(err), **extra)
+
+
+def _of_store(err: StoreError) -> Exception:
+    """What the store says, in the service's words."""
+    said: Exception = err
+    match err:
+        case records.UnknownVerb():
+            said = UnknownName("verb", err.verb, err.known)
+        case records.UnknownVersion():
+            said = UnknownName("version", str(err.number), [str(number) for number in err.known])
+        case records.UnknownJob():
+            said = UnknownRefinement(f"there is no refinement '{err.id[:64]}'")
+        case records.Conflict():
+            said = VersionConflict(str(err), current=err.found)
+        case records.StoreUnavailable():
+            said = StoreUnavailable(str(err), headers={"Retry-After": "2"})
+        case records.InvalidValue():
+            said = RequestError(str(err))
+    return said
 
 
 def code_of(err: ServiceError | VerbError) -> tuple[str, str]:
@@ -311,5 +332,5 @@ def install(app: FastAPI) -> None:
         return response_of(err)
 
     handler: Callable[[Request, Exception], Any] = answer
-    for kind in (ServiceError, VerbError, RequestValidationError, HTTPException):
+    for kind in (ServiceError, VerbError, StoreError, RequestValidationError, HTTPException):
         app.add_exception_handler(kind, handler)

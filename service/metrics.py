@@ -7,6 +7,7 @@ those of the library or ``none``. A name that a client made up never becomes a l
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 
 import numpy as np
 import prometheus_client
@@ -83,7 +84,7 @@ class Metrics:
         self._frames = Counter("adverb_stream_frames_total", "Pose messages that were sent.", registry=own)
         self._dropped = Counter(
             "adverb_stream_frames_dropped_total",
-            "Pose messages that were not sent since the client did not read.",
+            "Pose messages that were due and not sent: the client did not read, or the server was too slow.",
             registry=own,
         )
         self._streams = Gauge("adverb_streams", "Streams that are connected.", registry=own)
@@ -155,7 +156,12 @@ class Metrics:
             self._dropped.inc(dropped)
         if sent:
             self._frames.inc(sent)
-            _observe_many(self._late, np.full(sent, late_s))
+            self._late._buckets[bisect_left(self._late._upper_bounds, late_s)].inc(sent)
+            self._late._sum.inc(sent * late_s)
+
+    def missed(self, messages: int) -> None:
+        """Count pose messages that were due while the server was too slow."""
+        self._dropped.inc(messages)
 
     def streaming(self, streams: int, channels: int) -> None:
         """Say how many streams and characters there are."""

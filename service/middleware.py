@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import secrets
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import structlog
@@ -74,19 +75,28 @@ class Observe:
 
 
 class BodyLimit:
-    """Refuse a body that is too long: at once where it says so, else as soon as that much has come."""
+    """Refuse a body that is too long: at once where it says so, else as soon as that much has come.
 
-    def __init__(self, app: ASGIApp, *, limit: int) -> None:
-        self.app, self.limit = app, limit
+    Parameters
+    ----------
+    limit : int
+        Bytes.
+    others : mapping of str to int
+        Limits of paths that have their own.
+    """
+
+    def __init__(self, app: ASGIApp, *, limit: int, others: Mapping[str, int]) -> None:
+        self.app, self.limit, self.others = app, limit, others
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
         if scope["type"] != "http" or scope["method"] == "GET":
             await self.app(scope, receive, send)
             return
+        limit = self.others.get(scope["path"], self.limit)
         for name, value in scope["headers"]:
-            if name == b"content-length" and (not value.isdigit() or len(value) > 18 or int(value) > self.limit):
-                await errors.response_of(self._refusal())(scope, receive, send)
+            if name == b"content-length" and (not value.isdigit() or len(value) > 18 or int(value) > limit):
+                await errors.response_of(_refusal(limit))(scope, receive, send)
                 return
         received = 0
 
@@ -94,14 +104,15 @@ class BodyLimit:
             nonlocal received
             message = await receive()
             received += len(message.get("body", b""))
-            if received > self.limit:
-                raise self._refusal()
+            if received > limit:
+                raise _refusal(limit)
             return message
 
         await self.app(scope, receiving, send)
 
-    def _refusal(self) -> errors.BodyTooLarge:
-        return errors.BodyTooLarge(f"a body may be {self.limit} bytes long at most", limit=self.limit)
+
+def _refusal(limit: int) -> errors.BodyTooLarge:
+    return errors.BodyTooLarge(f"a body may be {limit} bytes long at most", limit=limit)
 
 
 def _request_id(scope: Scope) -> str:

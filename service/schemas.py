@@ -24,12 +24,18 @@ __all__ = [
     "PosesAnswer",
     "ProblemAnswer",
     "Ready",
+    "RefinementAnswer",
+    "RefinementList",
+    "RefinementRequest",
     "SequenceAnswer",
     "SequenceRequest",
     "TrackPoint",
+    "UploadAnswer",
     "VerbAnswer",
     "VerbList",
     "VerbSummary",
+    "VersionAnswer",
+    "VersionsAnswer",
 ]
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -322,6 +328,73 @@ class SequenceAnswer(BaseModel):
     root_velocity: list[Vector] | None = None
     positions: list[list[Vector]] | None = None
     rotations: list[list[Quaternion]]
+
+
+class VersionAnswer(BaseModel):
+    """One version of a verb."""
+
+    verb: str
+    version: int
+    current: Annotated[bool, Field(description="Whether it is the one that is served.")]
+    sha256: str
+    bytes: int
+    who: Annotated[str, Field(description="Who published it.")]
+    why: str
+    created_at: Annotated[float, Field(description="Seconds since 1970.")]
+    parent: Annotated[int | None, Field(description="The version that it was refined from.")]
+    quality: dict[str, Any]
+
+
+class VersionsAnswer(BaseModel):
+    """Versions of a verb, the newest first."""
+
+    verb: str
+    current: int | None
+    versions: list[VersionAnswer]
+
+
+class UploadAnswer(VersionAnswer):
+    """The version that an upload became."""
+
+    warnings: Annotated[list[str], Field(description="What its author should know.")]
+
+
+class RefinementRequest(_Asked):
+    """What a refinement should come to."""
+
+    target_error: Annotated[
+        float,
+        Field(gt=0, le=10, description="Largest error at which to stop, as a share of the goals' diagonal."),
+    ] = 0.01
+    max_pseudo: Annotated[int, Field(ge=0, le=2_000, description="Most pseudo-examples.")] = 300
+    budget_s: Annotated[float, Field(gt=0, le=7 * 24 * 3600, description="Most computing time, seconds.")] = 600.0
+    method: Annotated[Literal["refined", "hybrid"], Field(description="Method by which the result is judged.")] = (
+        "refined"
+    )
+    weighted_by_traffic: Annotated[bool, Field(description="Whether to look first where the verb is asked.")] = False
+    seed: Annotated[int, Field(ge=0, le=10**6)] = 1
+    priority: Annotated[int, Field(ge=1, le=100, description="1 is served first.")] = 50
+
+
+class RefinementAnswer(BaseModel):
+    """One refinement."""
+
+    id: str
+    verb: str
+    state: Literal["queued", "running", "published", "not_better", "failed", "cancelled", "given_up"]
+    asked: dict[str, Any]
+    progress: Annotated[dict[str, Any], Field(description="`pseudo`, `error_mean`, `error_max`, and the `curve`.")]
+    version_before: int | None
+    version_after: int | None
+    detail: str
+    created_at: float
+    updated_at: float
+
+
+class RefinementList(BaseModel):
+    """Refinements, the newest first."""
+
+    refinements: list[RefinementAnswer]
 
 
 class Live(BaseModel):

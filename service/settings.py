@@ -20,6 +20,23 @@ class Settings(BaseSettings):
     whoever starts a server makes one of these and hands it to :func:`service.app.create_app`.
     """
 
+    def environment(self) -> dict[str, str]:
+        """Environment variables that give another process these settings."""
+        given = self.model_dump(mode="json", exclude_none=True)
+        return {f"ADVERB_{name.upper()}": str(value) for name, value in given.items()}
+
+    @property
+    def database(self) -> str:
+        """Address of the database; there is one where there is a data folder."""
+        assert self.data is not None  # asked for by whoever keeps versions
+        return self.database_url or f"sqlite:///{self.data.resolve() / 'state.db'}"
+
+    @property
+    def artifacts(self) -> str:
+        """Address of the artifacts."""
+        assert self.data is not None  # asked for by whoever keeps versions
+        return self.artifact_url or str(self.data.resolve() / "artifacts")
+
     model_config = SettingsConfigDict(env_prefix="ADVERB_", extra="ignore", frozen=True, env_ignore_empty=True)
 
     host: Annotated[str, Field(min_length=1, max_length=253, description="Address to listen on.")] = "127.0.0.1"
@@ -34,9 +51,24 @@ class Settings(BaseSettings):
     data: Annotated[
         Path | None,
         Field(
-            description="Folder with built verbs (*.verb), served beside the built-in ones; it wins where names meet."
+            description="Folder in which versions of verbs are kept; verbs that lie there as files (*.verb) are taken "
+            "in at the start. Without one the built-in verbs are served, and nothing can be changed."
         ),
     ] = None
+    database_url: Annotated[
+        str | None,
+        Field(description="Database of versions and jobs: postgresql://…; by default SQLite in the data folder."),
+    ] = None
+    artifact_url: Annotated[
+        str | None,
+        Field(description="Where artifacts are kept: a folder, or s3://bucket/prefix; by default in the data folder."),
+    ] = None
+    refiners: Annotated[
+        int, Field(ge=0, le=64, description="Processes that refine verbs, started beside the server.")
+    ] = 1
+    max_upload_bytes: Annotated[
+        int, Field(ge=1_024, le=1024**3, description="Longest uploaded verb or zip of a verb source, bytes.")
+    ] = 256 * 1024 * 1024
     log_level: Annotated[LogLevel, Field(description="Least severe message to log: debug, info, warning, error.")] = (
         "info"
     )

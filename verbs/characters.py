@@ -277,12 +277,15 @@ class Characters(Slots):
         return float(last[0]), float(last[2]), turn
 
     def warm(self) -> None:
-        """Compile or load every kernel that a step may need, so that no frame waits for one."""
+        """Compile or load every kernel that a step may need."""
         slots = np.array([self.add(playing=False)])
         for _ in range(2):
             self.step(slots, 0.01)
         if self.window:
             self.set(int(slots[0]), phase=self.window[0])
+            self.step(slots, 0.01)
+        self.set(int(slots[0]), phase=1.0, playing=True, looping=True)
+        for _ in range(3):
             self.step(slots, 0.01)
         after = self.go_on(self, int(slots[0]))
         self.step(np.array([after]), 0.01)

@@ -6,11 +6,14 @@ import argparse
 import importlib.util
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+from adverb_load.process import serve
 
 EXAMPLES = """
 examples:
-  python clients/load/rest.py --seconds 10
+  python clients/load/rest.py --serve --seconds 10
   python clients/load/rest.py --url http://127.0.0.1:8000 --users 32 --verb board
 
 exit status: 0 if every request was answered well, 1 if not, 2 wrong arguments, no server or no locust
@@ -23,16 +26,27 @@ def main() -> int:
         prog="rest.py", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--url", default="http://127.0.0.1:8000", help="address of the server (%(default)s)")
+    parser.add_argument("--serve", action="store_true", help="start a server for it, on a free port, and stop it")
     parser.add_argument("--verb", default="reach", help="verb to ask for (%(default)s)")
     parser.add_argument("--users", type=int, default=8, help="clients at a time (%(default)s)")
     parser.add_argument("--seconds", type=int, default=10, help="how long (%(default)s)")
     chosen = parser.parse_args()
+    if chosen.serve:
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-c", "from service.cli import main; main()", "serve", "--port", "0"]
+            with serve([*command, "--data", folder], core=None, cwd=Path(folder)) as server:
+                return _load(server.base, chosen)
+    return _load(chosen.url, chosen)
+
+
+def _load(url: str, chosen: argparse.Namespace) -> int:
+    """Run Locust against a server; the exit status."""
     if importlib.util.find_spec("locust") is None:
         sys.stderr.write("error: the package locust is not installed; pip install locust\n")
         return 2
     command = [sys.executable, "-m", "locust", "-f", str(Path(__file__).with_name("locustfile.py"))]
     options = {
-        "--host": chosen.url,
+        "--host": url,
         "--verb": chosen.verb,
         "-u": chosen.users,
         "-r": chosen.users,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import struct
+import time
 from contextlib import suppress
 from typing import Any
 
 import anyio
-import numpy as np
 import orjson
 import structlog
 from pydantic import ValidationError
@@ -20,7 +20,7 @@ from service.errors import BadMessage, ServiceError
 from service.messages import CLIENT, Close, Open, Ping, Resume, Set, Switch
 from service.serving import Serving
 from service.stream.hub import Hub
-from service.stream.session import Connection, Session
+from service.stream.session import TOO_SLOW, Connection, Session
 from verbs.errors import VerbError
 
 __all__ = ["SUBPROTOCOL", "route"]
@@ -32,12 +32,10 @@ TOO_MANY = 4029
 
 log = structlog.get_logger("adverb.stream")
 
-_AIM = struct.Struct("<BBH")
-
 TURN = 32
 """Messages of one client after which the others get a turn."""
 
-_LEFT = {1000, 1001}
+_LEFT = {1000, 1001, 1005}
 """Codes with which a client says that it does not come back."""
 
 
@@ -70,7 +68,7 @@ class _Endpoint:
                 await talk.listen(receive)
             finally:
                 with anyio.CancelScope(shield=True):
-                    await hub.leave(talk.session, connection, for_good=talk.left)
+                    await hub.leave(connection, for_good=talk.left)
         if connection.ending is not None:
             code, reason = connection.ending
             with anyio.move_on_after(5.0), suppress(Exception):  # the client may be gone, in one of several ways
@@ -109,8 +107,10 @@ class _Talk:
 
     async def _breathe(self) -> None:
         """Do not read faster than the client reads. Nothing tells when there is room again, so this looks."""
-        pause = 0.005
-        while not self.connection.flush():
+        pause, end = 0.005, time.monotonic() + self.hub.settings.stream_slow_s
+        while not self.connection.flush() and not self.connection.gone:
+            if time.monotonic() > end:
+                self.connection.end(TOO_SLOW, f"nothing was read for {self.hub.settings.stream_slow_s:g} s")
             await asyncio.sleep(pause)
             pause = min(2 * pause, 0.1)
 
@@ -122,7 +122,7 @@ class _Talk:
                 await self._do(_parsed(message["text"]))
             else:
                 channel, row = _aimed(message["bytes"])
-                await self.hub.aim(self.session, channel, row)
+                self.hub.aim(self.session, channel, row)
         except (ServiceError, VerbError) as err:
             self._complain(channel, *errors.code_of(err))
         except Exception:
@@ -167,9 +167,10 @@ def _about(content: str) -> int | None:
     return channel if type(channel) is int and 0 <= channel <= MAX_CHANNEL else None
 
 
-def _aimed(content: bytes) -> tuple[int, np.ndarray[Any, np.dtype[np.float64]]]:
+def _aimed(content: bytes) -> tuple[int, tuple[float, ...]]:
     if len(content) < 8 or len(content) % 4 or content[0] != OP_AIM:
         raise BadMessage(
             f"a binary message is 0x10, 0, channel as u16, then the verb's adverbs as f32; {len(content)} bytes came"
         )
-    return _AIM.unpack_from(content)[2], np.frombuffer(content, "<f4", offset=4).astype(np.float64)
+    _, _, channel, *row = struct.unpack(f"<BBH{len(content) // 4 - 1}f", content)
+    return channel, tuple(row)

@@ -40,6 +40,18 @@ class Builder:
     def __init__(self) -> None:
         self._turn, self._waiting = asyncio.Lock(), 0
         self._spare: asyncio.subprocess.Process | None = None
+        self._taken = asyncio.Event()
+
+    async def run(self) -> None:
+        """Have a warm process ready for ever; it ends with this."""
+        try:
+            while True:
+                self._taken.clear()
+                async with self._turn:
+                    await self.prepare()
+                await self._taken.wait()
+        finally:
+            await self.close()
 
     async def prepare(self) -> None:
         """Have a warm process ready; it takes some seconds."""
@@ -63,6 +75,7 @@ class Builder:
             async with self._turn:
                 await self.prepare()
                 process, self._spare = self._spare, None
+                self._taken.set()
                 assert process is not None  # it was prepared
                 answer = await self._ask(process, {"upload": str(upload), "result": str(result)})
         finally:
@@ -85,9 +98,13 @@ class Builder:
             stderr=asyncio.subprocess.DEVNULL,
             limit=MAX_ANSWER_BYTES,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-            preexec_fn=_be_nice,
         )
-        answer = await self._read(process, LONGEST_START_S)
+        try:
+            answer = await self._read(process, LONGEST_START_S)
+        except BaseException:  # cancelled: nobody has it yet
+            process.kill()
+            await process.wait()
+            raise
         if not answer.get("ready"):
             raise BadUpload("the process that reads uploads did not start; the server's log says more")
         return process
@@ -120,7 +137,3 @@ class Builder:
             code = await process.wait()
             log.warning("the process that reads uploads died", code=code)
             return {"error": "reading it takes more memory or time than an upload may, or broke the process that does"}
-
-
-def _be_nice() -> None:
-    os.nice(5)

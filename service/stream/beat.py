@@ -143,6 +143,11 @@ class Beat:
                 if time.perf_counter() > pause:
                     await asyncio.sleep(0)
                     pause = time.perf_counter() + SLICE_S
+            missed = max(steps.values()) - 1
+            if missed:  # the server was too slow: ticks that were due are stepped over, and counted as dropped
+                for post in plan.posts:
+                    post.session.dropped += missed
+                self._metrics.missed(missed * len(plan.posts))
             await self._send(plan, due_s, clock_ns + int(due_s * 1e9), pause)
 
     def _count(self, due_s: float, now_s: float) -> dict[int, int]:

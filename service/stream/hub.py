@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from service.catalog import Catalog, Entry
 from service.errors import ChannelInUse, TooManyChannels, UnknownChannel, UnknownSession
@@ -35,6 +36,9 @@ EARLY_S = 0.0003
 """Timers come whole milliseconds apart; a tick may come so much too early."""
 
 SWEEP_S = 0.5
+
+MOST = 1e9
+"""Largest adverb that is taken."""
 
 
 class Hub:
@@ -69,9 +73,7 @@ class Hub:
         """Tick for ever."""
         sweep_at = time.monotonic() + SWEEP_S
         while True:
-            if await self._tick() and self._offered is None:
-                await asyncio.sleep(0)
-                continue
+            busy = await self._tick()
             if self._offered is not None:
                 offered, self._offered = self._offered, None
                 await self._renew_all(offered)
@@ -79,6 +81,9 @@ class Hub:
             if now >= sweep_at:
                 await self._sweep(now)
                 sweep_at = now + SWEEP_S
+            if busy:
+                await asyncio.sleep(0)
+                continue
             dues = [due for beat in self._beats if (due := beat.due_s()) is not None]
             await self._sleep(min([sweep_at, *dues]) - now)
 
@@ -106,7 +111,7 @@ class Hub:
     @property
     def full(self) -> bool:
         """Whether no further stream is taken."""
-        return len(self.sessions) >= self.settings.streams
+        return sum(session.connected for session in self.sessions.values()) >= self.settings.streams
 
     @property
     def characters(self) -> int:
@@ -136,10 +141,11 @@ class Hub:
                 found.say(opened(channel, resumed=True))
         return found
 
-    async def leave(self, session: Session, connection: Connection, *, for_good: bool) -> None:
+    async def leave(self, connection: Connection, *, for_good: bool) -> None:
         """A connection is over: keep its session for the grace time, or not."""
-        if session.connection is not connection:
-            return  # another one has it
+        session = next((one for one in self.sessions.values() if one.connection is connection), None)
+        if session is None:
+            return  # another connection has it
         async with session.beat.lock:
             session.detach(time.monotonic())
         if for_good or not session.channels or self.draining:
@@ -217,13 +223,13 @@ class Hub:
                 session.beat.add(channel, time.monotonic())
         self._wake.set()
 
-    async def aim(self, session: Session, number: int, row: Any) -> None:
-        """Give a character other adverbs, (D,) float64."""
-        characters = self._channel(session, number).group.characters
-        checked = characters.row(row)
-        async with session.beat.lock:
-            channel = self._channel(session, number)
-            channel.group.characters.aim(channel.slot, checked)
+    def aim(self, session: Session, number: int, row: Sequence[float]) -> None:
+        """Give a character other adverbs. A tick that is under way may see them, or the ones before."""
+        channel = self._channel(session, number)
+        characters = channel.group.characters
+        if len(row) != len(characters.verb.adverbs) or not all(-MOST <= value <= MOST for value in row):
+            characters.row(np.array(row, np.float64))  # which says what is wrong
+        characters.asked[channel.slot] = row
 
     async def switch(self, session: Session, asked: Switch) -> None:
         """Pass to another verb."""

@@ -25,7 +25,7 @@ __all__ = ["MAX_WAITING", "TAKEN_OVER", "TOO_SLOW", "Connection", "Session", "te
 TOO_SLOW, TAKEN_OVER = 4008, 4009
 
 MAX_WAITING = 256
-"""Text messages that wait for a slow client; with one more it is cut off."""
+"""Text messages that wait for a slow client, and one more for each channel; with another one it is cut off."""
 
 
 def text(message: dict[str, Any]) -> str:
@@ -59,7 +59,7 @@ class Connection:
     """
 
     def __init__(self, send: Send, scope: anyio.CancelScope) -> None:
-        self._send, self._scope = send, scope
+        self._send, self._scope, self.gone = send, scope, False
         self.ending: tuple[int, str] | None = None
         self.waiting: deque[str] = deque()
 
@@ -69,10 +69,10 @@ class Connection:
             self.ending = code, reason
             self._scope.cancel()
 
-    def say(self, message: str) -> None:
-        """Send a text message now, or after those that wait."""
-        if len(self.waiting) >= MAX_WAITING:
-            self.end(TOO_SLOW, f"{MAX_WAITING} messages wait to be read")
+    def say(self, message: str, room: int) -> None:
+        """Send a text message now, or after those that wait, which may be so many."""
+        if len(self.waiting) >= room:
+            self.end(TOO_SLOW, f"{room} messages wait to be read")
             return
         self.waiting.append(message)
         self.flush()
@@ -94,7 +94,8 @@ class Connection:
             return False
         try:
             return _now(self._send(message))  # type: ignore[arg-type]
-        except Exception:  # the client is gone, in one of several ways; its endpoint will notice
+        except Exception:  # in one of several ways; its endpoint will notice
+            self.gone = True
             return False
 
 
@@ -136,7 +137,7 @@ class Session:
     def say(self, message: dict[str, Any]) -> None:
         """Send a text message, now or as soon as the client reads."""
         if self.connection is not None:
-            self.connection.say(text(message))
+            self.connection.say(text(message), MAX_WAITING + len(self.channels))
 
     def post(self, message: memoryview, records: int, due_ns: int) -> bool:
         """Send a pose message now, or drop and count it; whether it was sent. Its first bytes become the header."""

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
 import httpx
@@ -103,3 +103,20 @@ def app(catalog) -> FastAPI:
 async def client(app, anyio_backend) -> AsyncIterator[httpx.AsyncClient]:
     async with client_of(app) as client:
         yield client
+
+
+@pytest.fixture(scope="session")
+def serve(catalog):
+    """Start servers with settings; each is stopped where the block ends."""
+
+    @contextmanager
+    def started(**settings):
+        from tests.service.stream.conftest import Server  # which needs this module
+
+        server = Server(catalog, **settings).start()
+        try:
+            yield server
+        finally:
+            server.stop()
+
+    return started

@@ -6,7 +6,7 @@ import socket
 import struct
 import threading
 import time
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,9 +44,9 @@ class Server:
         self.uvicorn = Uvicorn(config_of(self.app, self.settings), self.serving.hub)
         self.thread = threading.Thread(target=lambda: self.uvicorn.run(sockets=[self.socket]))
 
-    def start(self):
+    def start(self, patience_s=PATIENCE_S):
         self.thread.start()
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + patience_s
         while not (self.uvicorn.started and self.serving.ready.is_set()) and time.monotonic() < end:
             time.sleep(0.01)
         return self
@@ -67,21 +67,6 @@ class Server:
     @property
     def url(self):
         return f"ws://127.0.0.1:{self.port}/v1/stream"
-
-
-@pytest.fixture(scope="session")
-def serve(catalog):
-    """Start servers with settings; each is stopped where the block ends."""
-
-    @contextmanager
-    def started(**settings):
-        server = Server(catalog, **settings).start()
-        try:
-            yield server
-        finally:
-            server.stop()
-
-    return started
 
 
 @pytest.fixture(scope="module")

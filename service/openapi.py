@@ -23,7 +23,13 @@ DESCRIPTION = (
 
 FILE = Path(__file__).parents[1] / "docs" / "openapi.json"
 
-_READ_BY_HANDLERS = (schemas.PoseRequest, schemas.BatchRequest, schemas.SequenceRequest, schemas.ProblemAnswer)
+_READ_BY_HANDLERS = (
+    schemas.PoseRequest,
+    schemas.BatchRequest,
+    schemas.SequenceRequest,
+    schemas.RefinementRequest,
+    schemas.ProblemAnswer,
+)
 
 
 def install(app: FastAPI) -> None:

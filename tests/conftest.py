@@ -3,6 +3,9 @@ from __future__ import annotations
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads spin, and xdist already uses every core
+os.environ.setdefault(
+    "ADVERB_REFINERS", "0"
+)  # a worker beside every server that a test starts would do nothing but load
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path

@@ -17,6 +17,9 @@ from service.errors import BadUpload, Overloaded
 
 __all__ = ["Builder", "Made"]
 
+FIRST_S = 5.0
+"""Time for whoever waited for the server, before a process for uploads is warmed."""
+
 LONGEST_S = 120.0
 LONGEST_START_S = 180.0
 MAX_ANSWER_BYTES = 4 * 1024 * 1024
@@ -45,6 +48,7 @@ class Builder:
     async def run(self) -> None:
         """Have a warm process ready for ever; it ends with this."""
         try:
+            await asyncio.sleep(FIRST_S)
             while True:
                 self._taken.clear()
                 async with self._turn:

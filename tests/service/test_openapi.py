@@ -15,18 +15,22 @@ from tests.service.conftest import app_of
 _CONFIG = SchemathesisConfig.from_dict(
     {
         # Which adverbs a verb has is known by its name only, so what fits the schema may still be refused.
-        "checks": {"positive_data_acceptance": {"expected-statuses": ["2xx", "400", "404", "406", "413", "422"]}},
+        "checks": {
+            "positive_data_acceptance": {"expected-statuses": ["2xx", "400", "404", "406", "409", "413", "422"]}
+        },
     }
 )
 
 
+UNREAD = {("/v1/verbs", "post"), ("/v1/verbs/{verb}/versions/{number}/activate", "post")}  # no JSON to get wrong
 VALID, INVALID = schemathesis.GenerationMode.POSITIVE, schemathesis.GenerationMode.NEGATIVE
 OPERATIONS = [
     (path, method.upper(), mode)
     for path, operations in json.loads(openapi.FILE.read_text(encoding="utf-8"))["paths"].items()
     for method in operations
-    for mode in ((VALID, INVALID) if method == "post" else (VALID,))
+    for mode in ((VALID, INVALID) if (path, method) not in UNREAD and method == "post" else (VALID,))
 ]
+KEEPING = {("/v1/verbs", "POST"), ("/v1/verbs/{verb}", "DELETE")}
 ADVERBS = {"arm3": ("x", "y"), "sway": ("width", "haste")}
 
 
@@ -77,7 +81,12 @@ def test_every_answer_fits_the_document(api, path, method, mode):
         statuses.add(case.call_and_validate().status_code)
 
     check()
-    assert mode is INVALID or 200 in statuses
+    assert mode is INVALID or 200 in statuses or _changes(path, method)
+
+
+def _changes(path, method):
+    """Whether a route is about what a server keeps; this app keeps nothing, and says so."""
+    return any(word in path for word in ("/versions", "/refinements")) or (path, method) in KEEPING
 
 
 def test_the_committed_document_is_the_code_s():
@@ -97,7 +106,7 @@ def test_every_documented_answer_of_an_error_is_a_problem():
     for path, operations in document["paths"].items():
         for operation in operations.values():
             for status, response in operation["responses"].items():
-                if status not in ("200", "304"):
+                if status not in ("200", "201", "202", "204", "304"):
                     assert list(response["content"]) == ["application/problem+json"], (path, status)
                     assert status in known
 

@@ -31,7 +31,9 @@ serve: setup  ## start the server on 127.0.0.1:8000 (ADVERB_PORT, ADVERB_DATA, â
 	@exec $(BIN)/adverb serve
 
 test: setup  ## run the whole test suite
-	@$(BIN)/python -m pytest -n 2
+	@echo "test: compiling kernels, a minute or two the first time"
+	@$(BIN)/python -m service.warm
+	@$(BIN)/python -m pytest -n 2 --dist loadgroup
 
 lint: setup  ## style, imports, architecture, lock files
 	@$(BIN)/ruff check .

@@ -17,7 +17,7 @@ from tests.service.stream.conftest import Server, talk
 from tests.verbs.sources import arm_source
 from verbs import library
 
-pytestmark = pytest.mark.anyio
+pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("keeping")]  # one server, whose verbs the tests change
 
 OCTETS, ZIP, JSON = "application/octet-stream", "application/zip", "application/json"
 PATIENCE_S = 120.0

@@ -1,4 +1,4 @@
-"""Compile every kernel that serving, building and refining need: ``python -m service.warm``. Seconds where that was done."""
+"""Compile the kernels that serving, building and refining need: ``python -m service.warm``."""
 
 from __future__ import annotations
 

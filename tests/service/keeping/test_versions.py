@@ -44,6 +44,7 @@ def arm_zip(tmp_path_factory):
 
 
 def zipped_arm(folder, description=""):
+    folder.mkdir(exist_ok=True)
     source = arm_source(folder / "arm")
     with (Path(source) / "verb.toml").open("r+") as file:
         text = file.read()
@@ -80,19 +81,22 @@ async def until(client, path, holds):
 async def test_a_zip_becomes_a_verb_and_replaces_itself(client, arm_zip):
     first = await client.post("/v1/verbs", content=arm_zip, headers={"Content-Type": ZIP})
     assert first.status_code == 201, first.text
-    assert (first.json()["verb"], first.json()["version"], first.headers["etag"]) == ("arm", 1, '"1"')
+    number = first.json()["version"]
+    assert (first.json()["verb"], first.headers["etag"]) == ("arm", f'"{number}"')
     described = (await client.get("/v1/verbs/arm")).json()
-    assert described["version"] == 1
+    assert described["version"] == number
     pose = await client.post("/v1/verbs/arm/pose", json={"adverbs": {"x": 0.4, "y": 0.3}})
-    assert pose.json()["version"] == 1
+    assert pose.json()["version"] == number
 
 
 async def test_if_match_keeps_two_authors_apart(client, tmp_path):
-    other = zipped_arm(tmp_path, "better")
-    wrong = await client.post("/v1/verbs", content=other, headers={"Content-Type": ZIP, "If-Match": '"7"'})
-    assert (wrong.status_code, wrong.json()["code"], wrong.json()["current"]) == (412, "version_conflict", 1)
-    right = await client.post("/v1/verbs", content=other, headers={"Content-Type": ZIP, "If-Match": '"1"'})
-    assert (right.status_code, right.json()["version"]) == (201, 2)
+    first = await client.post("/v1/verbs", content=zipped_arm(tmp_path / "one", "first"), headers={"Content-Type": ZIP})
+    now = first.json()["version"]
+    other = zipped_arm(tmp_path / "two", "better")
+    wrong = await client.post("/v1/verbs", content=other, headers={"Content-Type": ZIP, "If-Match": '"97"'})
+    assert (wrong.status_code, wrong.json()["code"], wrong.json()["current"]) == (412, "version_conflict", now)
+    right = await client.post("/v1/verbs", content=other, headers={"Content-Type": ZIP, "If-Match": f'"{now}"'})
+    assert (right.status_code, right.json()["version"]) == (201, now + 1)
     bad = await client.post("/v1/verbs", content=other, headers={"Content-Type": ZIP, "If-Match": "soon"})
     assert (bad.status_code, bad.json()["code"]) == (422, "bad_request")
 

@@ -35,8 +35,8 @@ log = structlog.get_logger("adverb.stream")
 TURN = 32
 """Messages of one client after which the others get a turn."""
 
-_LEFT = {1000, 1001, 1005}
-"""Codes with which a client says that it does not come back."""
+_LEFT = {1000, 1001}
+"""Codes with which a client says that it does not come back. 1005 is no such: a lost connection has it too."""
 
 
 def route(serving: Serving) -> WebSocketRoute:

@@ -7,13 +7,12 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from unittest import mock
 
-from service import catalog as catalogs
 from service.app import create_app
 from service.catalog import Catalog
 from service.server import Server, config_of
 from service.settings import Settings
+from service.stream import packing
 
 
 @contextmanager
@@ -21,7 +20,13 @@ def serving(catalog: Catalog) -> Iterator[str]:
     """Serve a catalog on a free port; gives the address."""
     settings = Settings()
     app = create_app(settings)
-    with socket.socket() as listener, mock.patch.object(catalogs, "load", return_value=catalog):
+
+    async def opened() -> None:
+        packing.warm()
+        app.state.serving.offer(catalog)
+
+    app.state.serving.open = opened
+    with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         server = Server(config_of(app, settings), app.state.serving.hub)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)

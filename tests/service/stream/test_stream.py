@@ -86,10 +86,12 @@ async def test_frames_come_on_an_absolute_schedule(server, fps):
     async with talk(server) as client:
         await client.open(1, "arm3", adverbs=ARM, fps=fps)
         frames = await client.poses(max(4, fps // 3))
-    steps = np.diff([frame.time_ns for frame in frames])
-    np.testing.assert_allclose(steps, 1e9 / fps, atol=2)
+    ticks = np.diff([frame.time_ns for frame in frames]) * fps / 1e9
+    np.testing.assert_allclose(ticks, np.round(ticks), atol=1e-6)
+    assert np.median(ticks) == pytest.approx(1.0)
     assert [frame.sequence for frame in frames] == list(range(1, len(frames) + 1))
-    assert all(frame.dropped == 0 for frame in frames)
+    missed = round(float(np.sum(np.round(ticks) - 1)))  # by a busy machine, and then counted
+    assert frames[-1].dropped - frames[0].dropped == missed
 
 
 async def test_channels_of_a_socket_share_messages(server):
@@ -98,8 +100,8 @@ async def test_channels_of_a_socket_share_messages(server):
             await client.open(channel, "arm3", fps=fps)
         frames = (await client.poses(20))[4:]
     numbers = [[record.channel for record in frame.records] for frame in frames]
-    assert numbers.count([1, 2, 3]) == pytest.approx(8, abs=1)
-    assert numbers.count([1, 2]) == pytest.approx(8, abs=1)
+    assert numbers.count([1, 2, 3]) + numbers.count([1, 2]) == len(numbers)
+    assert min(numbers.count([1, 2, 3]), numbers.count([1, 2])) >= 4
 
 
 async def test_time_runs_as_asked(server):

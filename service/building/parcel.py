@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import stat
 import zipfile
+import zlib
 from pathlib import Path, PurePosixPath
 
 from verbs.errors import SourceError
@@ -15,6 +16,17 @@ MAX_UNPACKED_BYTES = 512 * 1024 * 1024
 MAX_DEPTH = 8
 
 _BLOCK = 1 << 20
+
+_BROKEN = (
+    zipfile.BadZipFile,
+    zlib.error,  # packed bytes that do not unpack
+    NotImplementedError,  # zipfile's word for a compression that it does not know
+    RuntimeError,  # and for a file that wants a password
+    EOFError,
+    OSError,
+    ValueError,
+)
+"""What :mod:`zipfile` raises for archives that it cannot read."""
 
 
 def is_zip(start: bytes) -> bool:
@@ -37,7 +49,7 @@ def unpack(archive: Path, folder: Path) -> Path:
             left = MAX_UNPACKED_BYTES
             for row in members:
                 left -= _write(opened, row, folder.joinpath(*PurePosixPath(row.filename).parts), left, archive)
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as err:
+    except _BROKEN as err:
         raise SourceError(archive, f"the archive cannot be unpacked: {err}") from err
     return _root(archive, folder)
 

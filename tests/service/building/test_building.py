@@ -113,6 +113,30 @@ def test_a_bomb_is_not_unpacked(tmp_path):
     assert not list((tmp_path / "out").iterdir())
 
 
+def damaged(at, value):
+    """A zip of one file, of which some bytes of the headers or of the content are others."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("verb.toml", b"name = 'x'" * 50)
+    content = bytearray(packed.getvalue())
+    central = content.rindex(b"PK\x01\x02")
+    for start in (at, central + at + 2) if at < 30 else (at,):
+        content[start : start + len(value)] = value
+    return bytes(content)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [damaged(8, b"\x61\x00"), damaged(6, b"\x01\x00"), damaged(39, b"\xff\xff\xff\xff")],
+    ids=["a compression that nobody knows", "a password", "bytes that do not unpack"],
+)
+def test_what_cannot_be_unpacked_is_said_to_be_broken(tmp_path, content):
+    (tmp_path / "broken.zip").write_bytes(content)
+    (tmp_path / "out").mkdir()
+    with pytest.raises(SourceError, match="cannot be unpacked"):
+        parcel.unpack(tmp_path / "broken.zip", tmp_path / "out")
+
+
 def test_links_are_refused(tmp_path):
     row = zipfile.ZipInfo("verb.toml")
     row.external_attr = 0o120777 << 16

@@ -143,12 +143,13 @@ def test_the_command_has_the_library_s_commands_and_its_own():
     assert "build" in said
 
 
-def test_it_ends_at_once_while_verbs_are_still_loading():
-    slow = f"import time, service.catalog as c; c.load = lambda data: time.sleep(600); {START}"
+def test_it_ends_at_once_while_verbs_are_still_loading(tmp_path):
+    slow = f"import time; from service.keeping import Keeper; Keeper.load = lambda self: time.sleep(600); {START}"
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     process = subprocess.Popen(
-        [sys.executable, "-c", slow, "serve", "--port", str(port)], cwd=Path(__file__).parents[2]
+        [sys.executable, "-c", slow, "serve", "--port", str(port), "--data", str(tmp_path)],
+        cwd=Path(__file__).parents[2],
     )
     try:
         with httpx.Client(transport=httpx.HTTPTransport(retries=12), base_url=f"http://127.0.0.1:{port}") as client:

@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from starlette.middleware import Middleware
 
 from service import errors, openapi
-from service.api import health, pages, poses, refinements, streams, verbs, versions
+from service.api import health, pages, poses, quality, refinements, streams, verbs, versions
 from service.catalog import Catalog
 from service.middleware import BodyLimit, Observe
 from service.serving import Serving
@@ -52,7 +52,10 @@ def create_app(settings: Settings, *, on_ready: Callable[[Catalog], None] | None
     )
     app.state.serving = serving
     # Not include_router: it nests, and asking five routers for their match takes as long as blending the pose.
-    routers = (poses.router, verbs.router, versions.router, refinements.router, health.router, pages.router)
+    routers = (
+        *(poses.router, verbs.router, quality.router, versions.router, refinements.router),
+        *(health.router, pages.router),
+    )
     app.router.routes[:0] = [route for router in routers for route in router.routes]
     app.router.routes.insert(0, streams.route(serving))
     errors.install(app)

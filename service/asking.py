@@ -47,7 +47,7 @@ class Batch:
 
 async def pose(serving: Serving, entry: Entry, asked: PoseRequest) -> Evaluated:
     """One pose; on the event loop, unless it has a long way to walk."""
-    entry.check(version=asked.version, method=asked.method)
+    entry.check(method=asked.method)
     evaluator, joints = entry.evaluator, entry.joints(asked.joints)
 
     def work() -> Evaluated:
@@ -104,7 +104,7 @@ def binary_batch(serving: Serving, entry: Entry, content: bytes, query: Mapping[
 async def poses(serving: Serving, entry: Entry, batch: Batch) -> Evaluated:
     """A batch of poses in one call of the library; a long one in a thread."""
     options, evaluator = batch.options, entry.evaluator
-    entry.check(version=options.version, method=options.method)
+    entry.check(method=options.method)
     joints = entry.joints(options.joints)
     named = isinstance(batch.adverbs, list)
 
@@ -121,7 +121,7 @@ async def poses(serving: Serving, entry: Entry, batch: Batch) -> Evaluated:
 
 async def sequence(serving: Serving, entry: Entry, asked: SequenceRequest) -> Motion:
     """A whole motion; a long one in a thread."""
-    entry.check(version=asked.version, method=asked.method)
+    entry.check(method=asked.method)
     evaluator, joints = entry.evaluator, entry.joints(asked.joints)
     limit = serving.settings.max_sequence_frames
 

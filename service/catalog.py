@@ -70,10 +70,8 @@ class Entry:
         etag = f'"{hashlib.sha256(text).hexdigest()[:32]}"'
         return cls(verb, evaluator, version, path, text, etag, span, tuple(facts["methods"]))
 
-    def check(self, *, version: int | None, method: str | None) -> None:
-        """Raise :class:`UnknownName` where a version or a method is asked for that the verb does not have."""
-        if version is not None and version != self.version:
-            raise UnknownName("version", str(version), (str(self.version),))
+    def check(self, *, method: str | None) -> None:
+        """Raise :class:`UnknownName` where a method is asked for that the verb does not have."""
         if method is not None and method not in self.methods:
             raise UnknownName("method", method, self.methods)
 

@@ -85,7 +85,8 @@ class Options(_Asked):
         Field(min_length=1, max_length=MAX_JOINTS, description="Joints to give, in this order; all by default."),
     ] = None
     version: Annotated[
-        int | None, Field(ge=1, description="The version that must answer; one that is not served is a 404.")
+        int | None,
+        Field(ge=1, description="The version that must answer; by default the current one."),
     ] = None
     weights: Annotated[bool, Field(description="Whether to give the examples' weights too.")] = False
 
@@ -196,6 +197,15 @@ class _Example(BaseModel):
     name: str
     adverbs: dict[str, float]
     keytimes: Annotated[list[float], Field(description="Seconds from the first keytime.")]
+    point: Annotated[
+        Vector | None,
+        Field(description="Where its effector is at the keytime, or (x, rise, z) of a jump, metres; null elsewhere."),
+    ]
+
+
+class _PseudoExample(BaseModel):
+    adverbs: dict[str, float]
+    point: Annotated[Vector | None, Field(description="As of an example.")]
 
 
 class _Range(BaseModel):
@@ -220,6 +230,11 @@ class _Measure(BaseModel):
     keytime: str | None
     adverbs: Annotated[list[str], Field(description="Adverbs that are measured.")]
     unit: Annotated[str, Field(description="Unit of the error.")]
+    origin: Annotated[Vector | None, Field(description="Of joint_position: where measured adverbs of 0 are, metres.")]
+    frame: Annotated[
+        list[list[float]] | None,
+        Field(description="Of joint_position: 3 rows; a goal is origin + frame · measured adverbs."),
+    ]
 
 
 class VerbSummary(BaseModel):
@@ -252,6 +267,7 @@ class VerbAnswer(BaseModel):
     adverbs: list[_Adverb]
     skeleton: _Skeleton
     examples: list[_Example]
+    pseudo_examples: Annotated[list[_PseudoExample], Field(description="Where refinement put some.")]
     keytime_names: list[str]
     keytime_phases: list[float]
     duration: _Range
@@ -263,6 +279,31 @@ class VerbAnswer(BaseModel):
     default_method: str
     measure: _Measure
     quality: Annotated[dict[str, Any], Field(description="Figures that were measured when the verb was built.")]
+
+
+_Table = list[list[float | None]]
+
+
+class QualityAnswer(BaseModel):
+    """What a method does over a plane of adverbs."""
+
+    verb: str
+    version: int
+    method: str
+    unit: Annotated[str, Field(description="Unit of the error.")]
+    across: str
+    up: Annotated[str, Field(description="The same as `across` where the verb has one adverb: one row.")]
+    held: Annotated[dict[str, float], Field(description="The other adverbs.")]
+    columns: Annotated[list[float], Field(description="Values of `across`.")]
+    rows: Annotated[list[float], Field(description="Values of `up`.")]
+    error: Annotated[
+        _Table, Field(description="Rows by columns; null outside the domain and where nothing is measured.")
+    ]
+    error_mean: float | None
+    error_max: float | None
+    smoothness: Annotated[_Table, Field(description="κ of the weights; null where not all neighbours lie inside.")]
+    smoothness_mean: float | None
+    smoothness_max: float | None
 
 
 class PoseAnswer(BaseModel):

@@ -19,6 +19,7 @@ from service.errors import NotReady
 from service.keeping import Keeper
 from service.metrics import Metrics
 from service.middleware import SCOPE_KEY, Trace
+from service.past import Past
 from service.settings import Settings
 from service.store.store import Store
 from service.stream import packing
@@ -50,6 +51,7 @@ class Serving:
         self.builder = Builder()
         self.keeper: Keeper | None = None
         self.refinements: Refinements | None = None
+        self.past = Past()
         self.ready = anyio.Event()
         self._on_ready = on_ready
 
@@ -80,6 +82,10 @@ class Serving:
         self.refinements = Refinements(settings.database, store)
         self.keeper = Keeper(store, settings.data)
         return self.keeper.load()
+
+    async def at(self, entry: Entry, version: int | None) -> Entry:
+        """A version of a verb, kept ones too; raises :class:`verbs.errors.UnknownName`."""
+        return await self.past.entry(self.keeper, entry, version)
 
     @property
     def uploads(self) -> Path:

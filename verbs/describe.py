@@ -13,6 +13,7 @@ from verbs.blend import methods
 from verbs.conventions import F64, I64
 from verbs.errors import OutOfRange, UnknownName
 from verbs.evaluate import Evaluator, Poses
+from verbs.goal import Goal
 from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
 from verbs.measure.domain import describe as domain_text
@@ -44,7 +45,8 @@ def describe(verb: Verb, *, version: int = 1) -> dict[str, Any]:
         "looping": verb.looping,
         "adverbs": [_adverb(verb, k) for k in range(len(verb.adverbs))],
         "skeleton": _skeleton(verb.skeleton),
-        "examples": [_example(verb, k) for k in range(len(verb.examples))],
+        "examples": _examples(verb),
+        "pseudo_examples": _pseudo_examples(verb),
         "keytime_names": list(verb.keytime_names),
         "keytime_phases": verb.phases.tolist(),
         "duration": _durations(verb),
@@ -200,13 +202,42 @@ def _adverb(verb: Verb, k: int) -> dict[str, Any]:
     }
 
 
-def _example(verb: Verb, k: int) -> dict[str, Any]:
-    names = (adverb.name for adverb in verb.adverbs)
-    return {
-        "name": verb.examples[k],
-        "adverbs": dict(zip(names, verb.values[k].tolist(), strict=True)),
-        "keytimes": verb.keytimes[k].tolist(),
-    }
+def _examples(verb: Verb) -> list[dict[str, Any]]:
+    """Examples, with the point of the verb's space that each reaches where the measure is a place."""
+    points = _places(verb, verb.values)
+    return [
+        {
+            "name": name,
+            "adverbs": _named(verb, verb.values[k]),
+            "keytimes": verb.keytimes[k].tolist(),
+            "point": points[k],
+        }
+        for k, name in enumerate(verb.examples)
+    ]
+
+
+def _pseudo_examples(verb: Verb) -> list[dict[str, Any]]:
+    """Where refinement put pseudo-examples."""
+    basis = verb.bases.get("refined")
+    if basis is None:
+        return []
+    values = basis.chart.adverbs(basis.centers[len(verb.examples) :])
+    points = _places(verb, values)
+    return [{"adverbs": _named(verb, row), "point": point} for row, point in zip(values, points, strict=True)]
+
+
+def _named(verb: Verb, row: F64) -> dict[str, float]:
+    return dict(zip((adverb.name for adverb in verb.adverbs), row.tolist(), strict=True))
+
+
+def _places(verb: Verb, values: F64) -> list[list[float] | None]:
+    """Points (x, y, z), metres, of adverbs (B, D): where the effector is, or where a jump lands at how much rise."""
+    points = Goal.of_verb(verb).points(values)
+    if verb.measure.kind == measures.POSITION:
+        return list(points.tolist())
+    if verb.measure.kind == measures.JUMP:
+        return list(points[:, [0, 2, 1]].tolist())  # x, z and rise → x, rise, z
+    return [None] * len(values)
 
 
 def _skeleton(skeleton: Skeleton) -> dict[str, Any]:
@@ -248,4 +279,6 @@ def _measure(verb: Verb, measure: Measure) -> dict[str, Any]:
         "keytime": verb.keytime_names[measure.keytime] if position else None,
         "adverbs": [verb.adverbs[axis].name for axis in measure.axes.tolist()] if measure.kind else [],
         "unit": measure.unit,
+        "origin": measure.origin.tolist() if position else None,
+        "frame": measure.frame.tolist() if position else None,
     }

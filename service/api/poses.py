@@ -49,6 +49,7 @@ async def pose(request: Request, verb: VerbName) -> Response:
     serving, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
     asked = await read_model(request, PoseRequest)
+    entry = await serving.at(entry, asked.version)
     found = await asking.pose(serving, entry, asked)
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
@@ -83,9 +84,11 @@ async def poses(
     form = accepted(request, JSON, OCTETS)
     query = {"method": method, "space": space, "joints": joints, "version": version}
     if media_type(request, JSON, OCTETS) == OCTETS:
+        entry = await serving.at(entry, version)
         batch = asking.binary_batch(serving, entry, await read(request), query)
     else:
         batch = asking.json_batch(serving, await read_model(request, BatchRequest), query)
+        entry = await serving.at(entry, batch.options.version)
     found = await asking.poses(serving, entry, batch)
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
@@ -111,6 +114,7 @@ async def sequence(request: Request, verb: VerbName) -> Response:
     serving, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS, BVH)
     asked = await read_model(request, SequenceRequest)
+    entry = await serving.at(entry, asked.version)
     if form == BVH and (asked.joints is not None or asked.space != "local"):
         raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
     motion = await asking.sequence(serving, entry, asked)

@@ -321,7 +321,7 @@ class Hub:
         return found
 
     def _group(self, entry: Entry, method: str | None) -> Group:
-        entry.check(version=None, method=method)
+        entry.check(method=method)
         name = entry.evaluator.method(method)[0]
         whole = entry.verb.name, entry.version, name
         found = self._groups.get(whole)

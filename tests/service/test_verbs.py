@@ -30,7 +30,7 @@ async def test_a_description_has_the_promised_fields(client):
     adverb = told["adverbs"][0]
     assert {"name", "unit", "min", "max", "style"} <= adverb.keys()
     assert {"names", "parents", "offsets"} <= told["skeleton"].keys()
-    assert {"name", "adverbs", "keytimes"} == told["examples"][0].keys()
+    assert {"name", "adverbs", "keytimes", "point"} == told["examples"][0].keys()
     assert set(told["examples"][0]["adverbs"]) == {"x", "y"}
     assert {"keytime_names", "looping", "domain", "methods", "quality", "version"} <= told.keys()
     assert told["default_method"] in told["methods"]

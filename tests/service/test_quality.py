@@ -1,0 +1,68 @@
+"""Maps of error and smoothness, and versions that are kept but not current."""
+
+import numpy as np
+import pytest
+
+from verbs import library
+
+pytestmark = pytest.mark.anyio
+
+
+async def ask(client, verb="arm3", **query):
+    return await client.get(f"/v1/verbs/{verb}/quality", params=query)
+
+
+async def test_a_map_holds_what_poses_say(client):
+    told = (await ask(client, method="rbf", nodes=9)).json()
+    assert (told["across"], told["up"], told["unit"], told["held"]) == ("x", "y", "m", {})
+    assert len(told["rows"]) == len(told["columns"]) == 9
+    row, column = 4, 3
+    adverbs = {"x": told["columns"][column], "y": told["rows"][row]}
+    pose = (await client.post("/v1/verbs/arm3/pose", json={"adverbs": adverbs, "method": "rbf"})).json()
+    assert told["error"][row][column] == pytest.approx(pose["error"], abs=1e-12)
+    known = [value for line in told["error"] for value in line if value is not None]
+    assert told["error_mean"] == pytest.approx(np.mean(known))
+    assert told["error_max"] == max(known)
+
+
+async def test_corrected_is_exact_where_rbf_is_not(client):
+    means = {method: (await ask(client, method=method)).json()["error_mean"] for method in ("rbf", "corrected")}
+    assert means["corrected"] < 1e-8
+    assert means["rbf"] > 0.01
+
+
+async def test_other_adverbs_are_held(client):
+    told = (await ask(client, "reach", across="z", up="x", at="y=1.5", nodes=5)).json()
+    assert (told["across"], told["up"], told["held"]) == ("z", "x", {"y": 1.5})
+    middle = (await ask(client, "reach", nodes=5)).json()
+    reach = library.load("reach").adverbs[2]
+    assert middle["held"] == {"z": pytest.approx(0.5 * (reach.minimum + reach.maximum))}
+
+
+async def test_nodes_outside_the_domain_are_null(client):
+    told = (await ask(client, "reach", nodes=21)).json()
+    corners = [told["error"][row][column] for row in (0, -1) for column in (0, -1)]
+    assert corners == [None] * 4
+    assert told["smoothness"][10][10] is not None
+
+
+@pytest.mark.parametrize(
+    ("query", "code"),
+    [
+        ({"across": "q"}, "unknown_adverb"),
+        ({"across": "x", "up": "x"}, "bad_request"),
+        ({"method": "magic"}, "unknown_method"),
+        ({"across": "x", "at": "x=1"}, "bad_request"),
+        ({"at": "x=0,y=1"}, "bad_request"),
+        ({"at": "x"}, "bad_request"),
+        ({"at": "z=nan"}, "out_of_range"),
+        ({"at": "z=1e99"}, "out_of_range"),
+        ({"nodes": "2"}, "invalid_request"),
+        ({"nodes": "1000"}, "invalid_request"),
+        ({"version": "9"}, "unknown_version"),
+    ],
+)
+async def test_wrong_questions_are_told_so(client, query, code):
+    answer = await ask(client, "reach", **query)
+    assert 400 <= answer.status_code < 500
+    assert answer.json()["code"] == code

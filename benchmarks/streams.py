@@ -132,6 +132,7 @@ def served(folder: Path, **environment: str) -> Iterator[Served]:
     artifact.save(build(capture()).verb, folder / f"{VERB}.verb")
     start = "from service.cli import main; main()"
     command = [sys.executable, "-c", start, "serve", "--port", "0", "--data", str(folder)]
+    environment = {"ADVERB_REFINERS": "0", **environment}  # a worker would share the server's core
     with serve(command, core=SERVER_CORE, cwd=PROJECT, environment=environment) as found:
         yield found
 

@@ -387,7 +387,7 @@ class Characters(Slots):
         if self._striding:
             live.walk(slots, state, weights, verb.strides, ends)
         phases = np.ascontiguousarray(ends[:, live.AT])
-        poses.blend(weights, phases, verb.curves, verb.rotation_mode, verb.references, root, rotations)
+        poses.blend_single(weights, phases, verb.curves, verb.rotation_mode, verb.references, root, rotations)
         live.settle(slots, step_s, state, offsets, last, self._striding, root, rotations)
 
     def _follow(self, slots: I64, step_s: float, state: F64, adverbs: F64, blend: Blend) -> None:

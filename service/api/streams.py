@@ -19,6 +19,7 @@ from service import errors
 from service.errors import BadMessage, ServiceError
 from service.messages import CLIENT, Close, Open, Ping, Resume, Set, Switch
 from service.serving import Serving
+from service.sockets import SOCKET, Sockets
 from service.stream.hub import Hub
 from service.stream.session import TOO_SLOW, Connection, Session
 from verbs.errors import VerbError
@@ -62,8 +63,11 @@ class _Endpoint:
             await send({"type": "websocket.close", "code": 1012 if hub.draining else TOO_MANY, "reason": reason})
             return
         with anyio.CancelScope() as reading:
-            connection = Connection(send, reading)
+            socket: Sockets | None = scope.get("extensions", {}).get(SOCKET)
+            connection = Connection(send, reading, socket)
             talk = _Talk(hub, connection)
+            if socket is not None:
+                socket.hear = talk.hear
             try:
                 await talk.listen(receive)
             finally:
@@ -79,7 +83,7 @@ class _Talk:
     """One connection's conversation."""
 
     def __init__(self, hub: Hub, connection: Connection) -> None:
-        self.hub, self.connection, self.left = hub, connection, False
+        self.hub, self.connection, self.left, self._answering = hub, connection, False, True
         self.session: Session = hub.join(connection)
 
     async def listen(self, receive: Receive) -> None:
@@ -95,7 +99,9 @@ class _Talk:
         )
         count = 0
         while True:
+            self._answering = False
             message = await receive()
+            self._answering = True
             if message["type"] == "websocket.disconnect":
                 self.left = message.get("code") in _LEFT
                 return
@@ -104,6 +110,13 @@ class _Talk:
             if count % TURN == 0:
                 await asyncio.sleep(0)
             await self._breathe()
+
+    def hear(self, content: bytes) -> bool:
+        """Do what a binary message asks, right as it comes; False where others come first."""
+        if self._answering or self.connection.waiting:
+            return False
+        self._aim(content)
+        return True
 
     async def _breathe(self) -> None:
         """Do not read faster than the client reads. Nothing tells when there is room again, so this looks."""
@@ -115,19 +128,26 @@ class _Talk:
             pause = min(2 * pause, 0.1)
 
     async def _hear(self, message: Any) -> None:
-        channel: int | None = None
+        content = message.get("text")
+        if content is None:
+            self._aim(message["bytes"])
+            return
+        channel = _about(content)
         try:
-            if message.get("text") is not None:
-                channel = _about(message["text"])
-                await self._do(_parsed(message["text"]))
-            else:
-                channel, row = _aimed(message["bytes"])
-                self.hub.aim(self.session, channel, row)
+            await self._do(_parsed(content))
         except (ServiceError, VerbError) as err:
             self._complain(channel, *errors.code_of(err))
         except Exception:
             log.exception("stream message failed", session=self.session.id)
             self._complain(channel, "internal_error", "something went wrong inside the server; its log says what")
+
+    def _aim(self, content: bytes) -> None:
+        channel: int | None = None
+        try:
+            channel, row = _aimed(content)
+            self.hub.aim(self.session, channel, row)
+        except (ServiceError, VerbError) as err:
+            self._complain(channel, *errors.code_of(err))
 
     def _complain(self, channel: int | None, code: str, detail: str) -> None:
         self.session.say({"op": "error", "channel": channel, "code": code, "detail": detail})

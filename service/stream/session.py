@@ -14,6 +14,7 @@ import anyio
 import orjson
 from starlette.types import Send
 
+from service.sockets import Sockets
 from service.stream.packing import HEADER, OP_POSES, WIRE
 
 if TYPE_CHECKING:
@@ -56,10 +57,12 @@ class Connection:
         ASGI's.
     scope : anyio.CancelScope
         Cancelled to end the connection; ``ending`` says with which code and why.
+    socket : Sockets, optional
+        A shorter way for poses.
     """
 
-    def __init__(self, send: Send, scope: anyio.CancelScope) -> None:
-        self._send, self._scope, self.gone = send, scope, False
+    def __init__(self, send: Send, scope: anyio.CancelScope, socket: Sockets | None = None) -> None:
+        self._send, self._scope, self._socket, self.gone = send, scope, socket, False
         self.ending: tuple[int, str] | None = None
         self.waiting: deque[str] = deque()
 
@@ -87,7 +90,15 @@ class Connection:
 
     def post(self, message: bytes) -> bool:
         """Send a binary message now or not at all; whether it was sent."""
-        return (not self.waiting or self.flush()) and self._try({"type": "websocket.send", "bytes": message})
+        if self.ending is not None or (self.waiting and not self.flush()):
+            return False
+        if self._socket is None:
+            return self._try({"type": "websocket.send", "bytes": message})
+        try:
+            return self._socket.post(message)
+        except ConnectionError:  # its endpoint will notice
+            self.gone = True
+            return False
 
     def _try(self, message: MutableMapping[str, Any]) -> bool:
         if self.ending is not None:

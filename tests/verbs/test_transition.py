@@ -249,7 +249,9 @@ def test_no_time_is_a_cut(people_of):
     root, rotations, (frame,) = play(punch, new, 1)
     assert not frame.in_transition[0]
     pose = punch.evaluator.pose(two_of(punch)[:1], time_s=STEP_S)
-    np.testing.assert_allclose(rotations[0, 0, 1:], pose.rotations[0, 1:], atol=1e-12)
+    np.testing.assert_allclose(
+        rotations[0, 0, 1:], pose.rotations[0, 1:], atol=2e-6
+    )  # live poses are summed in single precision
     np.testing.assert_allclose(root[0, 0, [0, 2]], [x, z], atol=0.05)
     assert abs(np.sin(0.5 * (heading(rotations[0, 0, 0]) - turn))) < 0.05
     # A switch right after it starts from what was shown, and does not carry on the leap.

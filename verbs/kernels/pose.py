@@ -15,13 +15,26 @@ import numpy as np
 from verbs.conventions import F32, F64, I64
 from verbs.kernels.compile import kernel
 
-__all__ = ["ABSOLUTE", "NLERP", "ROTATION_VECTOR", "STRIDE", "blend", "forward", "spline_taps", "stride_to"]
+__all__ = [
+    "ABSOLUTE",
+    "NLERP",
+    "ROTATION_VECTOR",
+    "STRIDE",
+    "blend",
+    "blend_single",
+    "forward",
+    "spline_taps",
+    "stride_to",
+]
 
 NLERP, ROTATION_VECTOR = range(2)
 """How rotations blend: normalised sums of quaternions, or exponentials of summed rotation vectors."""
 
 ABSOLUTE, STRIDE = range(2)
 """How the root travels: as blended positions, or as blended steps in a turning frame."""
+
+SHORTEST = 0.3
+"""Length under which a sum of quaternions has lost its direction."""
 
 
 @kernel
@@ -76,7 +89,7 @@ def finish_rotation(mode: int, reference: F64, q: F64) -> float:
         q[3] = d * w - a * x - b * y - c * z
         return 1.0
     length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    if length < 0.3:
+    if length < SHORTEST:
         q[:] = reference
     else:
         for a in range(4):
@@ -118,6 +131,47 @@ def blend(weights: F64, phases: F64, curves: F32, mode: int, references: F64, ro
                 row[c] += t0 * s0[c] + t1 * s1[c] + t2 * s2[c] + t3 * s3[c]
         for a in range(3):
             root[b, a] = row[a]
+        for j in range(references.shape[0]):
+            for a in range(4):
+                rotations[b, j, a] = row[4 + 4 * j + a]
+            finish_rotation(mode, references[j], rotations[b, j])
+
+
+@kernel
+def _unit(row: F32, references: F64, rotations: F64) -> None:
+    """Unit quaternions (J, 4) of blended rows, after the root's four numbers; as :func:`finish_rotation` by NLERP."""
+    for j in range(references.shape[0]):
+        at = 4 + 4 * j
+        x, y, z, w = np.float64(row[at]), np.float64(row[at + 1]), np.float64(row[at + 2]), np.float64(row[at + 3])
+        squared = x * x + y * y + z * z + w * w
+        if squared < SHORTEST * SHORTEST:
+            rotations[j] = references[j]
+        else:
+            scale = 1.0 / np.sqrt(squared)
+            rotations[j, 0], rotations[j, 1], rotations[j, 2], rotations[j, 3] = (
+                scale * x,
+                scale * y,
+                scale * z,
+                scale * w,
+            )
+
+
+@kernel
+def blend_single(weights: F64, phases: F64, curves: F32, mode: int, references: F64, root: F64, rotations: F64) -> None:
+    """:func:`blend`, with sums in single precision: half the work, and as exact as the numbers that are sent."""
+    width, count = curves.shape[2], curves.shape[1]
+    taps, shares, row = np.empty(4), np.empty(4 * count, np.float32), np.empty(width, np.float32)
+    for b in range(weights.shape[0]):
+        first = spline_taps(phases[b], curves.shape[0] - 3, taps)
+        for tap in range(4):
+            for i in range(count):
+                shares[tap * count + i] = taps[tap] * weights[b, i]
+        np.dot(shares, curves[first : first + 4].reshape(4 * count, width), row)
+        for a in range(3):
+            root[b, a] = row[a]
+        if mode == NLERP:
+            _unit(row, references, rotations[b])
+            continue
         for j in range(references.shape[0]):
             for a in range(4):
                 rotations[b, j, a] = row[4 + 4 * j + a]

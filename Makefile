@@ -5,7 +5,15 @@ BIN := $(VENV)/bin
 export NUMBA_CACHE_DIR ?= $(CURDIR)/.cache/numba
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup serve test lint types lock generate load bench-streams bench clean
+# The page is built where npm is, and only when its sources are newer.
+DASHBOARD := clients/dashboard
+STATIC := service/static/index.html
+HAS_NPM := $(shell command -v npm 2>/dev/null)
+PAGE := $(if $(HAS_NPM),$(STATIC),no-dashboard)
+DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.json package-lock.json vite.config.ts)) \
+	$(shell find $(DASHBOARD)/src -type f 2>/dev/null)
+
+.PHONY: help setup serve dashboard test lint types lock generate load bench-streams bench-refine bench clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -27,8 +35,26 @@ else
 endif
 	@touch $@
 
-serve: setup  ## start the server on 127.0.0.1:8000 (ADVERB_PORT, ADVERB_DATA, … are honoured)
+serve: setup $(PAGE)  ## start the server on 127.0.0.1:8000 (ADVERB_PORT, ADVERB_DATA, … are honoured)
 	@exec $(BIN)/adverb serve
+
+dashboard: $(DASHBOARD)/node_modules  ## build the dashboard, which the server gives at /
+	@npm --prefix $(DASHBOARD) run --silent build -- --logLevel warn
+
+ifneq ($(HAS_NPM),)
+$(STATIC): $(DASHBOARD_SOURCES)
+	@echo "serve: building the dashboard"
+	@$(MAKE) -s dashboard || echo "serve: the dashboard could not be built (see above); going on without changes to it"
+else
+.PHONY: no-dashboard
+no-dashboard:
+	@test -e $(STATIC) || echo "serve: without the dashboard; where npm is, \`make dashboard\` builds it"
+endif
+
+$(DASHBOARD)/node_modules: $(DASHBOARD)/package-lock.json
+	@echo "setup: installing the locked packages of the dashboard (once; later runs work offline)"
+	@npm --prefix $(DASHBOARD) ci --silent --no-audit --no-fund
+	@touch $@
 
 test: setup  ## run the whole test suite
 	@echo "test: compiling kernels, a minute or two the first time"
@@ -59,8 +85,11 @@ load: setup  ## ask a local server for poses and sequences for 20 s (Locust), an
 bench-streams: setup  ## measure streams: 600 × 1 and 50 × 60 characters at 60 fps, beside a bare push loop
 	@$(BIN)/python -m benchmarks.streams
 
+bench-refine: setup  ## measure what a refinement costs those who are served, its speed, and how soon servers swap
+	@$(BIN)/python -m benchmarks.refine
+
 bench: setup  ## measure speed; prints ratios in one run
 	@$(BIN)/python -m benchmarks
 
 clean:  ## remove what make made
-	rm -rf $(VENV) .cache build dist
+	rm -rf $(VENV) .cache build dist service/static $(DASHBOARD)/node_modules

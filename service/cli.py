@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
+from service.listen import CannotServe
 from service.settings import Settings
 from verbs import cli
 
@@ -31,6 +32,7 @@ def serve_command(
     data: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder in which verbs are kept. [default: data, made here]")
     ] = None,
+    workers: Annotated[int | None, typer.Option(help="Server processes that share the port. [default: 1]")] = None,
     log_level: Annotated[str | None, typer.Option(help="debug, info, warning or error. [default: info]")] = None,
     log_json: Annotated[bool | None, typer.Option("--log-json/--log-text", help="How to log.")] = None,
     allow_public: Annotated[
@@ -45,24 +47,26 @@ def serve_command(
     Example: [bold]adverb serve --data verbs --port 8000[/]
     """
     settings = _settings(
-        host=host, port=port, data=data, log_level=log_level, log_json=log_json, allow_public=allow_public
+        host=host,
+        port=port,
+        data=data,
+        workers=workers,
+        log_level=log_level,
+        log_json=log_json,
+        allow_public=allow_public,
     )
     if settings.data is None:
         settings = settings.model_copy(update={"data": DEFAULT_DATA})
         DEFAULT_DATA.mkdir(exist_ok=True)
-    from service import server  # a fifth of a second that the other commands need not wait for
-
-    try:
-        server.serve(settings, say=lambda text: typer.echo(text, err=True))
-    except server.CannotServe as err:
-        typer.echo(f"error: {err}", err=True)
-        raise typer.Exit(USER_ERROR) from err
+    _serve(settings)
 
 
 @cli.app.command("worker")
 def worker_command(
     name: Annotated[str | None, typer.Option(help="Name of this worker, the same at every start.")] = None,
     data: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder in which verbs are kept.")] = None,
+    nice: Annotated[int, typer.Option(min=0, max=19, help="By how much others go before it.")] = 10,
+    parent: Annotated[int | None, typer.Option(hidden=True, help="Process without which it ends.")] = None,
 ) -> None:
     """Refine verbs for servers that share a database and artifacts with this worker.
 
@@ -71,16 +75,42 @@ def worker_command(
     settings = _settings(data=data)
     if settings.data is None:
         settings = settings.model_copy(update={"data": DEFAULT_DATA})
+    folder = settings.data
+    if folder is not None and not folder.is_dir() and None in (settings.database_url, settings.artifact_url):
+        typer.echo(f"error: the data folder {folder} does not exist; name the server's (--data)", err=True)
+        raise typer.Exit(USER_ERROR)
     from service import logs
+    from service.store.records import StoreError
     from service.worker import main as worker
+    from service.worker.errors import JobError
 
     logs.configure(settings)
-    worker.run(
-        settings.database,
-        settings.artifacts,
-        executor_id=name or platform.node() or "worker",
-        say=lambda text: typer.echo(text, err=True),
-    )
+    try:
+        worker.run(
+            settings.database,
+            settings.artifacts,
+            executor_id=name or platform.node() or "worker",
+            nice=nice,
+            parent=parent,
+            say=lambda text: typer.echo(text, err=True),
+        )
+    except (JobError, StoreError) as err:
+        typer.echo(f"error: {err}", err=True)
+        raise typer.Exit(USER_ERROR) from err
+
+
+def _serve(settings: Settings) -> None:
+    """Serve in this process, or look after several that do; each is imported where it is needed, for it takes long."""
+    if settings.workers > 1:
+        from service.processes import serve
+    else:
+        from service.server import serve
+
+    try:
+        serve(settings, say=lambda text: typer.echo(text, err=True))
+    except CannotServe as err:
+        typer.echo(f"error: {err}", err=True)
+        raise typer.Exit(USER_ERROR) from err
 
 
 def _settings(**options: Any) -> Settings:

@@ -2,16 +2,26 @@
 
 Labels are bounded: routes are those of the app or ``unmatched``, verbs those that are served or ``none``, methods
 those of the library or ``none``. A name that a client made up never becomes a label.
+
+Where several processes serve as one, each keeps its numbers in files of a folder that ``PROMETHEUS_MULTIPROC_DIR``
+names, and any of them tells the sum; a gauge's ``multiprocess_mode`` says what its sum is. See
+:mod:`service.processes`.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from bisect import bisect_left
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 import numpy as np
 import prometheus_client
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.multiprocess import MultiProcessCollector
+from prometheus_client.registry import Collector
 
 from service.catalog import Catalog, Entry
 from verbs.evaluate import Blend
@@ -61,14 +71,26 @@ class Metrics:
             ("verb",),
             registry=own,
         )
-        self._version = Gauge("adverb_verb_version", "Version of the verb that is served.", ("verb",), registry=own)
+        self._version = Gauge(
+            "adverb_verb_version",
+            "Version of the verb that is served.",
+            ("verb",),
+            registry=own,
+            multiprocess_mode="livemax",
+        )
         self._verb_error = Gauge(
             "adverb_verb_error_meters",
             "Error that was measured when the verb was built, metres (or metres per second).",
             ("verb", "stat"),
             registry=own,
+            multiprocess_mode="livemostrecent",
         )
-        self._skipped = Gauge("adverb_verb_files_skipped", "Data files that cannot be served.", registry=own)
+        self._skipped = Gauge(
+            "adverb_verb_files_skipped",
+            "Data files that cannot be served.",
+            registry=own,
+            multiprocess_mode="livemax",
+        )
         self._lateness = Histogram(
             "adverb_event_loop_lateness_seconds",
             "How late the event loop is to a timer, seconds: what every request waits when something blocks it.",
@@ -87,17 +109,29 @@ class Metrics:
             "Pose messages that were due and not sent: the client did not read, or the server was too slow.",
             registry=own,
         )
-        self._streams = Gauge("adverb_streams", "Streams that are connected.", registry=own)
-        self._channels = Gauge("adverb_channels", "Characters of all streams.", registry=own)
+        self._streams = Gauge(
+            "adverb_streams", "Streams that are connected.", registry=own, multiprocess_mode="livesum"
+        )
+        self._channels = Gauge(
+            "adverb_channels", "Characters of all streams.", registry=own, multiprocess_mode="livesum"
+        )
         self._cached: dict[tuple[str, str, str], Histogram] = {}
         self._requests_cached: dict[tuple[str, str, int], Counter] = {}
         self._poses_cached: dict[tuple[str, int, str], tuple[Histogram, Counter, Counter]] = {}
-        prometheus_client.ProcessCollector(registry=own)
-        prometheus_client.PlatformCollector(registry=own)
+        self._told = own
+        if folder := os.environ.get("PROMETHEUS_MULTIPROC_DIR"):
+            self._told = CollectorRegistry()
+            MultiProcessCollector(self._told, folder)  # type: ignore[no-untyped-call]
+            self._told.register(_Processes(Path(folder)))
+        else:
+            prometheus_client.ProcessCollector(registry=own)
+        prometheus_client.PlatformCollector(registry=self._told)
+        self._refinements = _Refinements()
+        self._told.register(self._refinements)
 
     def text(self) -> bytes:
-        """All metrics in Prometheus' text form; some milliseconds of work."""
-        return prometheus_client.generate_latest(self.registry)
+        """All metrics in Prometheus' text form, those of all processes together; some milliseconds of work."""
+        return prometheus_client.generate_latest(self._told)
 
     def answered(self, route: str, http_method: str, status: int) -> None:
         """Count one answered request."""
@@ -168,9 +202,56 @@ class Metrics:
         self._streams.set(streams)
         self._channels.set(channels)
 
+    def refining(self, ended: Mapping[tuple[str, str], int], running: Mapping[str, float]) -> None:
+        """Say how many refinements ended, by verb and outcome, and how far those are that run, by verb."""
+        self._refinements.ended, self._refinements.running = ended, running
+
     def loop_was_late(self, seconds: float) -> None:
         """Record how late the event loop came to a timer."""
         self._lateness.observe(seconds)
+
+
+class _Refinements(Collector):
+    """What the store knows of refinements: every process and every server tells the same, so they are not added up."""
+
+    def __init__(self) -> None:
+        self.ended: Mapping[tuple[str, str], int] = {}
+        self.running: Mapping[str, float] = {}
+
+    def collect(self) -> Iterable[Metric]:
+        """A counter and a gauge."""
+        ended = CounterMetricFamily(
+            "adverb_refinements", "Refinements that ended, in the whole store.", labels=("verb", "outcome")
+        )
+        for labels, count in self.ended.items():
+            ended.add_metric(labels, count)
+        running = GaugeMetricFamily(
+            "adverb_refinement_progress_ratio", "How far a refinement is that runs, 0 to 1.", labels=("verb",)
+        )
+        for verb, ratio in self.running.items():
+            running.add_metric((verb,), ratio)
+        return ended, running
+
+
+class _Processes(Collector):
+    """Memory, processor time and files of each process that serves, told apart by the label ``process``."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def collect(self) -> Iterable[Metric]:
+        """What ``/proc`` tells of the processes whose numbers lie in the folder's ``*.pid``."""
+        families: dict[str, Metric] = {}
+        for file in sorted(self._folder.glob("*.pid")):
+            try:
+                pid = file.read_text(encoding="ascii")
+            except FileNotFoundError:
+                continue  # it just ended
+            for found in prometheus_client.ProcessCollector(pid=lambda pid=pid: pid, registry=None).collect():  # type: ignore[misc]
+                family = families.setdefault(found.name, Metric(found.name, found.documentation, found.type))
+                for sample in found.samples:
+                    family.add_sample(sample.name, {"process": file.stem}, sample.value)
+        return families.values()
 
 
 def _observe_many(histogram: Histogram, values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import ipaddress
 import signal
 import socket
 import sys
@@ -12,18 +11,16 @@ from collections.abc import Callable
 
 import uvicorn
 from fastapi import FastAPI
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from service import logs
 from service.app import create_app
 from service.catalog import Catalog
+from service.listen import CannotServe, check, greeting, listen
 from service.settings import Settings
+from service.sockets import Sockets
 from service.stream.hub import Hub
 
-__all__ = ["CannotServe", "Server", "config_of", "serve"]
-
-UNSENT_BYTES = 16_384
-"""Unsent bytes of a WebSocket beyond which poses are dropped."""
+__all__ = ["CannotServe", "Server", "config_of", "run", "serve"]
 
 DRAIN_S = 0.2
 """Time for goodbyes to be written before connections are closed."""
@@ -32,59 +29,54 @@ SWITCH_S = 0.001
 """Longest time for which a thread keeps the interpreter while the event loop waits for it; Python's own is 5 ms."""
 
 
-class CannotServe(Exception):
-    """The server cannot start; the message says why and what to do."""
-
-
 def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
     """Serve until SIGTERM or SIGINT; running requests may finish, for ``shutdown_s`` at most.
 
     Parameters
     ----------
     settings : Settings
+        More than one of ``workers`` is :mod:`service.processes`' business.
     say : callable
         Told, once, where the server is, and which files it could not use.
 
     Raises
     ------
     CannotServe
-        Before anything is served.
+        Before anything is served, or as :func:`run` does.
     """
-    if settings.data is not None and not settings.data.is_dir():
-        raise CannotServe(f"the data folder {settings.data} does not exist; make it, or name another (--data)")
-    listener = _listen(settings)
+    check(settings)
+    listener = listen(settings)
     logs.configure(settings)
+
+    def ready(catalog: Catalog) -> None:
+        for line in greeting(listener, len(catalog.entries), [(row.file, row.problem) for row in catalog.skipped]):
+            say(line)
+
+    run(settings, listener, on_ready=ready)
+
+
+def run(settings: Settings, listener: socket.socket, *, on_ready: Callable[[Catalog], None]) -> None:
+    """Serve on a socket, which is closed at the end; ``on_ready`` is told the verbs once requests are answered.
+
+    Raises :class:`CannotServe` where loading verbs or following the store fails for good.
+    """
     sys.setswitchinterval(SWITCH_S)
-    host, port = listener.getsockname()[:2]
-    shown = f"[{host}]" if ":" in host else host
 
     def ready(catalog: Catalog) -> None:
         # What is loaded stays. Looking through all of it for garbage, as Python would, stops everybody for 50 ms.
         gc.collect()
         gc.freeze()
-        for row in catalog.skipped:
-            say(f"warning: {row.file} is not served: {row.problem}")
-        count = len(catalog.entries)
-        say(f"Adverb is ready on http://{shown}:{port} ({count} verb{'s' * (count != 1)}; docs at /docs)")
+        on_ready(catalog)
 
     app = create_app(settings, on_ready=ready)
     # uvicorn stops on these signals and then raises them once more for whoever handled them before: nobody.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)
     with listener:
-        Server(config_of(app, settings), app.state.serving.hub).run(sockets=[listener])
-
-
-class Sockets(WebSocketsSansIOProtocol):
-    """uvicorn's WebSockets with short buffers: what lies in a buffer is old by the time it is read."""
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Keep at most :data:`UNSENT_BYTES` here, and as much in the kernel."""
-        super().connection_made(transport)
-        transport.set_write_buffer_limits(high=UNSENT_BYTES)
-        if hasattr(socket, "TCP_NOTSENT_LOWAT"):
-            connection = transport.get_extra_info("socket")
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+        server = Server(config_of(app, settings), app.state.serving.hub)
+        server.run(sockets=[listener])
+    if server.failed:
+        raise CannotServe("verbs cannot be loaded and kept up to date; the log says why")
 
 
 def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:
@@ -112,6 +104,15 @@ class Server(uvicorn.Server):
         super().__init__(config)
         self._hub = hub
 
+    @property
+    def failed(self) -> bool:
+        """Whether what the app does beside answering has failed, so that it would never be ready, or go stale."""
+        return bool(self.lifespan.error_occurred)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Whether to stop; looks ten times a second."""
+        return await super().on_tick(counter) or self.failed
+
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop listening, say goodbye, then let requests end."""
         for server in self.servers:
@@ -119,32 +120,3 @@ class Server(uvicorn.Server):
         self._hub.drain()
         await asyncio.sleep(DRAIN_S)
         await super().shutdown(sockets)
-
-
-def _listen(settings: Settings) -> socket.socket:
-    """Open the listening socket, so that a taken port is told before verbs are loaded."""
-    try:
-        found = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    except OSError as err:
-        raise CannotServe(f"the host '{settings.host}' is not known: {err.strerror or err}") from err
-    family, _, _, _, address = found[0]
-    if not settings.allow_public and not all(_is_loopback(str(row[4][0])) for row in found):
-        raise CannotServe(
-            f"other machines can reach {settings.host}, and there are no keys yet: anyone could use this server; "
-            "if that is what you want, say so: --allow-public, or ADVERB_ALLOW_PUBLIC=true"
-        )
-    listener = socket.socket(family, socket.SOCK_STREAM)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind(address)
-    except OSError as err:
-        listener.close()
-        raise CannotServe(
-            f"port {settings.port} on {settings.host} cannot be used: {err.strerror or err}; "
-            "stop what uses it, or choose another (--port, ADVERB_PORT; 0 takes a free one)"
-        ) from err
-    return listener
-
-
-def _is_loopback(address: str) -> bool:
-    return ipaddress.ip_address(address.partition("%")[0]).is_loopback

@@ -41,6 +41,14 @@ class Settings(BaseSettings):
 
     host: Annotated[str, Field(min_length=1, max_length=253, description="Address to listen on.")] = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65_535, description="Port to listen on; 0 takes a free one.")] = 8000
+    workers: Annotated[
+        int,
+        Field(
+            ge=1,
+            le=256,
+            description="Server processes that share the port (Linux). Limits on streams and threads hold for each.",
+        ),
+    ] = 1
     allow_public: Annotated[
         bool,
         Field(
@@ -66,6 +74,15 @@ class Settings(BaseSettings):
     refiners: Annotated[
         int, Field(ge=0, le=64, description="Processes that refine verbs, started beside the server.")
     ] = 1
+    refine_above: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            le=1,
+            description="Mean error of a verb's answers beyond which it is refined without being asked, as a share of "
+            "the diagonal of its examples' goals (0.01 is one percent); never, where it is not given.",
+        ),
+    ] = None
     max_upload_bytes: Annotated[
         int, Field(ge=1_024, le=1024**3, description="Longest uploaded verb or zip of a verb source, bytes.")
     ] = 256 * 1024 * 1024

@@ -15,7 +15,8 @@ import httpx
 import pytest
 from typer.testing import CliRunner
 
-from service import cli, server
+from service import cli
+from service.listen import listen
 from service.settings import Settings
 from tests.service.conftest import ARM
 from verbs import cli as library_cli
@@ -34,14 +35,18 @@ class Lines:
         os.set_blocking(pipe.fileno(), False)
         self.rest = b""
 
+    def more(self) -> bool:
+        """Read what there is; whether there may be more later."""
+        chunk = self.pipe.read()
+        *lines, self.rest = (self.rest + (chunk or b"")).split(b"\n")
+        self.seen += [line.decode() for line in lines]
+        return chunk != b""
+
     def until(self, pattern: str) -> re.Match:
         end = time.monotonic() + LONGEST_START_S
         while time.monotonic() < end:
             self.selector.select(timeout=0.5)
-            chunk = self.pipe.read()
-            assert chunk != b"", f"the server ended: {self.seen}"
-            *lines, self.rest = (self.rest + (chunk or b"")).split(b"\n")
-            self.seen += [line.decode() for line in lines]
+            assert self.more(), f"the server ended: {self.seen}"
             for line in self.seen:
                 if found := re.search(pattern, line):
                     return found
@@ -126,13 +131,13 @@ def test_a_public_address_needs_a_yes_in_so_many_words(host):
 
 
 def test_a_yes_opens_a_public_address():
-    with server._listen(Settings(host="0.0.0.0", port=0, allow_public=True)) as listener:
+    with listen(Settings(host="0.0.0.0", port=0, allow_public=True)) as listener:
         assert listener.getsockname()[1] > 0
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "127.8.9.1"])
 def test_loopback_needs_no_yes(host):
-    with server._listen(Settings(host=host, port=0)) as listener:
+    with listen(Settings(host=host, port=0)) as listener:
         assert listener.getsockname()[1] > 0
 
 
@@ -141,6 +146,20 @@ def test_the_command_has_the_library_s_commands_and_its_own():
     said = CliRunner().invoke(library_cli.app, ["--help"]).stdout
     assert "serve" in said
     assert "build" in said
+
+
+def test_it_ends_where_there_can_be_no_store(tmp_path):
+    ended = subprocess.run(
+        [sys.executable, "-c", START, "serve", "--port", "0", "--data", str(tmp_path)],
+        env={**os.environ, "ADVERB_DATABASE_URL": "mysql://nobody@127.0.0.1/nowhere"},
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        timeout=LONGEST_START_S,
+        check=False,
+    )
+    assert ended.returncode == 1
+    assert b"mysql" in ended.stderr
+    assert ended.stderr.splitlines()[-1].startswith(b"error: verbs cannot be loaded")
 
 
 def test_it_ends_at_once_while_verbs_are_still_loading(tmp_path):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
+import platform
+import re
 import sys
 import time
 from contextlib import suppress
@@ -12,7 +14,7 @@ import structlog
 
 from service.settings import Settings
 
-__all__ = ["supervise"]
+__all__ = ["name_of", "supervise"]
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
 SOUND_S = 60.0
@@ -27,7 +29,13 @@ async def supervise(settings: Settings) -> None:
     """Keep ``settings.refiners`` workers running until cancelled."""
     async with asyncio.TaskGroup() as group:
         for number in range(settings.refiners):
-            group.create_task(_keep(settings, f"embedded-{number}"))
+            group.create_task(_keep(settings, name_of(number)))
+
+
+def name_of(number: int) -> str:
+    """Name of a worker beside this process: another one than beside any other server, of any machine."""
+    node = re.sub(r"[^A-Za-z0-9-]+", "-", platform.node()).strip("-")[:40]
+    return f"{node or 'server'}.{os.getpid()}.{number}"
 
 
 async def _keep(settings: Settings, name: str) -> None:
@@ -51,7 +59,7 @@ async def _keep(settings: Settings, name: str) -> None:
 async def _start(settings: Settings, name: str) -> asyncio.subprocess.Process:
     command = "from service.cli import main; main()"
     return await asyncio.create_subprocess_exec(
-        *(sys.executable, "-c", command, "worker", "--name", name),
+        *(sys.executable, "-c", command, "worker", "--name", name, "--parent", str(os.getpid())),
         stdin=asyncio.subprocess.DEVNULL,
         env={**os.environ, **settings.environment(), "OPENBLAS_NUM_THREADS": "1"},
         start_new_session=True,  # a terminal's Ctrl-C is the server's; the worker is told by the server

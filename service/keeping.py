@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -15,7 +16,7 @@ import structlog
 
 from service.catalog import Catalog, Entry, Skipped, files_of, skipped
 from service.compute import aside
-from service.store.records import StoreError, Version
+from service.store.records import Conflict, StoreError, StoreUnavailable, UnknownVerb, Version
 from service.store.store import Store
 from verbs import artifact
 from verbs.errors import VerbError
@@ -24,6 +25,8 @@ __all__ = ["Keeper"]
 
 FILES = "a file"
 """Who published what was found as a file."""
+
+ATTEMPTS = 5
 
 log = structlog.get_logger("adverb.keeping")
 
@@ -43,11 +46,13 @@ class Keeper:
         self._wrong: dict[str, Skipped] = {}
 
     def load(self) -> Catalog:
-        """Publish files that are new, then load what the store points to."""
+        """Publish files that are new, then load what the store points to; raises StoreUnavailable."""
         self._wrong = {}
         for path in files_of(self._data):
             try:
                 self._publish(path)
+            except StoreUnavailable:
+                raise
             except (VerbError, StoreError, OSError) as err:
                 self._wrong[path.name] = skipped(path, err)
         return self.refresh(Catalog())
@@ -74,29 +79,46 @@ class Keeper:
             entries[name] = Entry.of_verb(artifact.load(path), path=path, version=version.number)
             self._wrong.pop(_label(version), None)
         except (VerbError, StoreError, OSError) as err:
+            if isinstance(err, StoreUnavailable) and name not in entries:
+                raise  # there is nothing to go on with
             self._wrong[_label(version)] = skipped(Path(_label(version)), err)
 
     def _publish(self, path: Path) -> None:
         """Publish a file that the store has never had; one that it had, and that was replaced since, stays replaced."""
         verb = artifact.load(path)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        quality = _figures(verb.quality)
+        for _ in range(ATTEMPTS):
+            current = self.store.current().get(verb.name)
+            if digest in self._digests(verb.name):
+                return
+            with suppress(Conflict):  # another server published meanwhile; look again
+                expected = current.number if current else 0
+                self.store.publish(verb.name, path, who=FILES, why=path.name, quality=quality, expected=expected)
+                log.info("file published", verb=verb.name, file=path.name)
+                return
+
+    def _digests(self, name: str) -> set[str]:
         try:
-            known = {version.sha256 for version in self.store.versions(verb.name)}
-        except StoreError:
-            known = set()
-        if digest not in known:
-            self.store.publish(verb.name, path, who=FILES, why=path.name, quality=_figures(verb.quality))
-            log.info("file published", verb=verb.name, file=path.name)
+            return {version.sha256 for version in self.store.versions(name)}
+        except UnknownVerb:
+            return set()
 
     async def follow(self, current: Callable[[], Catalog], offer: Callable[[Catalog], None]) -> None:
         """Offer a new catalog, for ever, whenever pointers change."""
+        away = False
         async for _ in self.store.changes():
             was = current()
             try:
                 now = await aside(partial(self.refresh, was))
             except StoreError as err:
-                log.warning("store unavailable", problem=str(err))
+                if not away:
+                    log.warning("store unavailable; verbs are served as they were", problem=str(err))
+                away = True
                 continue
+            if away:
+                log.info("store is back")
+            away = False
             if now is not was:
                 offer(now)
 

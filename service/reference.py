@@ -9,10 +9,16 @@ from typing import Any
 from service.catalog import Catalog
 from service.errors import PROBLEMS
 
-__all__ = ["CONTENT_POLICY", "reference", "welcome"]
+__all__ = ["CONTENT_POLICY", "DASHBOARD_POLICY", "reference", "welcome"]
 
 CONTENT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 """These pages load nothing; the browser holds them to it."""
+
+DASHBOARD_POLICY = (
+    "default-src 'self'; script-src 'self'; worker-src 'self'; connect-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+)
+"""The dashboard loads its own files, and talks to the server that it comes from; styles are set on elements too."""
 
 _STYLE = """
 :root{color-scheme:light dark;--line:#8884;--soft:#8882;--key:#2f6fde}
@@ -47,7 +53,8 @@ def welcome(catalog: Catalog | None) -> str:
         f"<h2>Verbs</h2>{table}"
         + (f"<h2>Files that are not served</h2><ul>{broken}</ul>" if broken else "")
         + "<h2>More</h2><ul><li><a href='/docs'>Reference</a></li><li><a href='/v1/verbs'>Verbs as JSON</a></li>"
-        "<li><a href='/metrics'>Metrics</a></li><li><a href='/openapi.json'>OpenAPI document</a></li></ul>",
+        "<li><a href='/metrics'>Metrics</a></li><li><a href='/openapi.json'>OpenAPI document</a></li></ul>"
+        "<p class='quiet'>The dashboard is not built; where npm is, <code>make dashboard</code> builds it.</p>",
     )
 
 

@@ -453,6 +453,8 @@ class Ready(BaseModel):
     """Verbs are loaded and kernels warm."""
 
     ready: bool
+    degraded: Annotated[bool, Field(description="Verbs are served as they were: the store cannot be reached now.")]
+    problem: Annotated[str | None, Field(description="What is wrong, where it is degraded.")]
     verbs: int
     skipped: Annotated[list[_SkippedFile], Field(description="Files of the data folder that cannot be served.")]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,20 +16,26 @@ from service.building.builder import Builder
 from service.catalog import Catalog, Entry
 from service.children import supervise
 from service.compute import Pool, aside
+from service.demand import MAX_NOTED, Adverbs, Demand
 from service.errors import NotReady
 from service.keeping import Keeper
 from service.metrics import Metrics
 from service.middleware import SCOPE_KEY, Trace
 from service.past import Past
 from service.settings import Settings
-from service.store.store import Store
+from service.store.store import Store, StoreUnavailable
 from service.stream import packing
 from service.stream.hub import Hub
+from service.watching import Watch
 from service.worker.queue import Refinements
+from verbs.evaluate import Blend
 
 __all__ = ["Serving", "served", "serving_of", "trace_of"]
 
 LATENESS_EVERY_S = 0.25
+
+RETRY_S = (0.5, 10.0)
+"""First and longest pause before a store that cannot be reached at the start is tried again, seconds."""
 
 log = structlog.get_logger("adverb")
 
@@ -47,10 +54,12 @@ class Serving:
         self.settings, self.metrics = settings, Metrics()
         self.pool = Pool(threads=settings.compute_threads, max_waiting=settings.max_waiting)
         self.catalog: Catalog | None = None
-        self.hub = Hub(settings, self.metrics, self.current)
+        self.demand = Demand(MAX_NOTED if settings.data is not None else 0)
+        self.hub = Hub(settings, self.metrics, self.current, self.demand)
         self.builder = Builder()
         self.keeper: Keeper | None = None
         self.refinements: Refinements | None = None
+        self._waiting = "verbs are being loaded and kernels compiled"
         self.past = Past()
         self.ready = anyio.Event()
         self._on_ready = on_ready
@@ -58,19 +67,51 @@ class Serving:
     def current(self) -> Catalog:
         """The verbs; raises :class:`NotReady` until they are loaded."""
         if self.catalog is None:
-            raise NotReady("verbs are being loaded and kernels compiled", headers={"Retry-After": "1"})
+            raise NotReady(self._waiting, headers={"Retry-After": "1"})
         return self.catalog
+
+    @property
+    def problem(self) -> str | None:
+        """What is wrong although verbs are served; None where nothing is."""
+        if self.keeper is None or self.keeper.store.available:
+            return None
+        return "the database cannot be reached; verbs are served as they were, and changes wait until it is back"
 
     async def open(self) -> None:
         """Load verbs and warm kernels in a thread, say that requests are welcome, and follow the store for ever."""
-        loaded = await aside(self._load)
+        loaded = await self._load_patiently()
         log.info("ready", verbs=list(loaded.entries), skipped=len(loaded.skipped))
         self.offer(loaded)
-        if self.keeper is not None:
+        if self.keeper is None or self.refinements is None:
+            return
+        above, store = self.settings.refine_above, self.keeper.store
+        watch = Watch(
+            *(store, self.refinements, self.demand, self.metrics),
+            refine_above=above,
+            uploads=self.uploads,
+            started_s=time.time(),
+        )
+        try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self.keeper.follow(self.current, self.offer))
+                group.create_task(watch.run())
                 group.create_task(supervise(self.settings))
                 group.create_task(self.builder.run())
+        finally:
+            self.refinements.close()
+            store.close()
+
+    async def _load_patiently(self) -> Catalog:
+        """The verbs; while the database is away it is tried again, with pauses that grow."""
+        pause_s, longest_s = RETRY_S
+        while True:
+            try:
+                return await aside(self._load)
+            except StoreUnavailable as err:
+                self._waiting = f"{err}; it is tried again and again"
+                log.warning("store unavailable; trying again", problem=str(err), pause_s=pause_s)
+            await asyncio.sleep(pause_s)
+            pause_s = min(2 * pause_s, longest_s)
 
     def _load(self) -> Catalog:
         packing.warm()
@@ -79,9 +120,14 @@ class Serving:
             return catalogs.load(None)
         self.uploads.mkdir(parents=True, exist_ok=True)
         store = Store.open(settings.database, settings.artifacts)
-        self.refinements = Refinements(settings.database, store)
-        self.keeper = Keeper(store, settings.data)
-        return self.keeper.load()
+        try:
+            keeper = Keeper(store, settings.data)
+            loaded = keeper.load()
+        except BaseException:
+            store.close()
+            raise
+        self.keeper, self.refinements = keeper, Refinements(settings.database, store)
+        return loaded
 
     async def at(self, entry: Entry, version: int | None) -> Entry:
         """A version of a verb, kept ones too; raises :class:`verbs.errors.UnknownName`."""
@@ -100,6 +146,11 @@ class Serving:
             now = await aside(lambda: keeper.refresh(was))
             if now is not was:
                 self.offer(now)
+
+    def asked(self, entry: Entry, adverbs: Adverbs, blend: Blend, *, rows: int = 1) -> None:
+        """Note what was answered; errors count where it was by the version that is served."""
+        current = self.catalog is not None and self.catalog.entries.get(entry.verb.name) is entry
+        self.demand.ask(entry, adverbs, blend.error if current else None, rows=rows)
 
     def offer(self, catalog: Catalog) -> None:
         """Answer for these verbs from now on."""

@@ -48,6 +48,10 @@ class Slots:
     def __len__(self) -> int:
         return len(self.state) - len(self._free)
 
+    def taken(self) -> I64:
+        """Slots of all characters, in order."""
+        return np.setdiff1d(np.arange(len(self.state)), self._free)
+
     def remove(self, slot: int) -> None:
         """Forget a character; its slot will be another's."""
         self._free.append(slot)

@@ -40,10 +40,20 @@ async def live() -> Response:
 )
 @router.get("/readyz", operation_id="ready", response_model=Ready, responses=problems("not_ready"), summary="Ready")
 async def ready(request: Request) -> Response:
-    """Say that verbs are loaded and kernels warm, and which files of the data folder cannot be served."""
-    catalog = serving_of(request).current()
-    skipped = [{"file": row.file, "problem": row.problem} for row in catalog.skipped]
-    return Response(orjson.dumps({"ready": True, "verbs": len(catalog.entries), "skipped": skipped}), media_type=JSON)
+    """Say that verbs are loaded and kernels warm, and which files of the data folder cannot be served.
+
+    While the database is away verbs are served from memory: still ready, `degraded`, and `problem` says why.
+    """
+    serving = serving_of(request)
+    catalog, problem = serving.current(), serving.problem
+    answer = {
+        "ready": True,
+        "degraded": problem is not None,
+        "problem": problem,
+        "verbs": len(catalog.entries),
+        "skipped": [{"file": row.file, "problem": row.problem} for row in catalog.skipped],
+    }
+    return Response(orjson.dumps(answer), media_type=JSON)
 
 
 @router.get("/metrics", operation_id="metrics", response_class=Response, responses=_TEXT, summary="Metrics")

@@ -51,6 +51,7 @@ async def pose(request: Request, verb: VerbName) -> Response:
     asked = await read_model(request, PoseRequest)
     entry = await serving.at(entry, asked.version)
     found = await asking.pose(serving, entry, asked)
+    serving.asked(entry, asked.adverbs, found.poses.blend)
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
         return Response(wire.encode_one(found.poses, found.turns, entry.version), media_type=OCTETS)
@@ -90,6 +91,7 @@ async def poses(
         batch = asking.json_batch(serving, await read_model(request, BatchRequest), query)
         entry = await serving.at(entry, batch.options.version)
     found = await asking.poses(serving, entry, batch)
+    serving.asked(entry, batch.adverbs, found.poses.blend, rows=len(batch.at))
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
         return Response(await asking.records(serving, entry, found, crowd=True), media_type=OCTETS)
@@ -118,6 +120,8 @@ async def sequence(request: Request, verb: VerbName) -> Response:
     if form == BVH and (asked.joints is not None or asked.space != "local"):
         raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
     motion = await asking.sequence(serving, entry, asked)
+    track = [point.adverbs for point in asked.track or ()]
+    serving.asked(entry, asked.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
     trace_of(request).method = motion.frames.poses.blend.method
     if form == OCTETS:
         return Response(await asking.records(serving, entry, motion.frames, crowd=False), media_type=OCTETS)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from sqlalchemy import Connection, Row, delete, insert, select, update
+from sqlalchemy import Connection, Row, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.store import tables
@@ -59,24 +59,38 @@ class Jobs:
         with self._database.transaction() as connection:
             return _find(connection, id)
 
-    def newest(self, *, verb: str | None, limit: int) -> list[Job]:
+    def newest(self, *, verb: str | None, limit: int, unfinished: bool) -> list[Job]:
         """The newest jobs, newest first."""
         table = tables.jobs
         query = select(table).order_by(table.c.created_at_s.desc(), table.c.id.desc()).limit(max(0, limit))
         if verb is not None:
             query = query.where(table.c.verb == verb)
+        if unfinished:
+            query = query.where(table.c.state.not_in(ENDED))
         with self._database.transaction() as connection:
             return [_job(row) for row in connection.execute(query)]
 
+    def ended(self) -> dict[tuple[str, str], int]:
+        """How many jobs of each verb ended in each state."""
+        table = tables.jobs
+        query = select(table.c.verb, table.c.state, func.count()).where(table.c.state.in_(ENDED))
+        with self._database.transaction() as connection:
+            rows = connection.execute(query.group_by(table.c.verb, table.c.state))
+            return {(verb, state): count for verb, state, count in rows}
+
     def update(self, id: str, changes: Mapping[str, Any]) -> Job:
-        """Change fields of a job; raises :class:`UnknownJob`, or :class:`JobEnded` where it would go on again."""
-        values = _checked(changes) | {"updated_at_s": self._clock()}
+        """Change fields of a job; raises :class:`UnknownJob`, or :class:`JobEnded` where its state is for ever."""
         with self._database.transaction(writes=True) as connection:
-            found = _find(connection, id, lock=True)
-            if found.state in ENDED and values.get("state", found.state) not in ENDED:
-                raise JobEnded(id, found.state)
-            connection.execute(update(tables.jobs).where(tables.jobs.c.id == id).values(values))
-            return _find(connection, id)
+            return self.write(connection, id, changes)
+
+    def write(self, connection: Connection, id: str, changes: Mapping[str, Any]) -> Job:
+        """The same, inside a transaction of the caller's."""
+        values = _checked(changes) | {"updated_at_s": self._clock()}
+        found = _find(connection, id, lock=True)
+        if found.state in ENDED and values.get("state", found.state) != found.state:
+            raise JobEnded(id, found.state)
+        connection.execute(update(tables.jobs).where(tables.jobs.c.id == id).values(values))
+        return _find(connection, id)
 
     def reap(self, id: str) -> int:
         """Count that another worker took a job over; returns how often that was."""

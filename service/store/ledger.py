@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from sqlalchemy import Connection, delete, insert, select, update
 from sqlalchemy.sql import ColumnElement
 
 from service.store import tables
+from service.store.blobs import Blob
 from service.store.records import Conflict, Event, UnknownVerb, UnknownVersion, Version
 from service.store.tables import Database
 
@@ -83,6 +85,43 @@ class Ledger:
             return
         made = self._database.insert(table).values(verb=self.verb, number=number)
         self._connection.execute(made.on_conflict_do_update(index_elements=["verb"], set_={"number": number}))
+
+    def enter(
+        self,
+        blob: Blob,
+        quality: Mapping[str, Any],
+        reason: Reason,
+        *,
+        parent: int | None,
+        expected: int | None,
+        activate: bool,
+    ) -> Version:
+        """Write down that a blob was published, unless it was before; point to it where asked."""
+        last, sha256 = self.lock(), str(blob.sha256)
+        version = self.same(sha256, parent)
+        if version is not None:
+            if activate:
+                self.turn(version, reason, expected=expected)
+            return version
+        self.expect(expected)
+        if parent is not None:
+            self.pick(parent)
+        version = Version(
+            verb=self.verb,
+            number=last + 1,
+            sha256=sha256,
+            size_bytes=blob.size_bytes,
+            who=reason.who,
+            why=reason.why,
+            quality=dict(quality),
+            created_at_s=reason.at_s,
+            parent=parent,
+        )
+        self.add(version)
+        if activate:
+            self.point(version.number)
+        self.note("publish", version.number, reason)
+        return version
 
     def turn(self, version: Version, reason: Reason, *, expected: int | None) -> None:
         """Point to a version that there is, unless the verb does already; raises :class:`Conflict`."""

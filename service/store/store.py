@@ -16,7 +16,7 @@ from typing import Any
 from sqlalchemy import select
 
 from service.store import tables
-from service.store.blobs import Blob, Blobs, open_blobs
+from service.store.blobs import Blobs, open_blobs
 from service.store.jobs import Jobs, Traffic
 from service.store.ledger import Ledger, Reason, select_versions
 from service.store.notices import notices
@@ -42,6 +42,7 @@ from service.store.records import (
 from service.store.tables import Database
 
 __all__ = [
+    "ORPHAN_S",
     "STEPS",
     "ArtifactMissing",
     "BadAddress",
@@ -171,6 +172,7 @@ class Store:
         parent: int | None = None,
         expected: int | None = None,
         activate: bool = True,
+        ends: str | None = None,
         at: Callable[[str], None] = _nothing,
     ) -> Version:
         """Publish an artifact as a verb's next version.
@@ -193,6 +195,8 @@ class Store:
             Number that the verb must point to; 0 for none.
         activate : bool
             Whether the verb points to it from now on.
+        ends : str, optional
+            Refinement job that is ``published`` in the same transaction, with ``why`` as its detail.
         at : callable
             Told the name of each step before it is done, see :data:`STEPS`.
 
@@ -202,6 +206,8 @@ class Store:
             The verb points to another version than expected.
         UnknownVersion
             There is no such parent.
+        UnknownJob, JobEnded
+            There is no such job, or it has ended (it may have been cancelled): nothing is published.
         InvalidValue
             A name, text or JSON value cannot be kept.
         ArtifactError
@@ -220,7 +226,12 @@ class Store:
                 if not self._blobs.has(str(blob.sha256)):
                     continue  # it was there before, old and referred to by nobody, and was collected just now
                 ledger = Ledger(self._database, connection, verb)
-                version = _enter(ledger, blob, quality, reason, parent=parent, expected=expected, activate=activate)
+                version = ledger.enter(
+                    blob, quality, reason, parent=parent, expected=expected, activate=activate
+                )  # fmt: skip
+                if ends is not None:
+                    changes = {"state": "published", "version_after": version.number, "detail": why}
+                    self._jobs.write(connection, ends, changes)
                 at("commit")
             return version
         raise StoreUnavailable("the artifact does not stay where it is written")
@@ -342,14 +353,19 @@ class Store:
         """A refinement job; raises :class:`UnknownJob`."""
         return self._jobs.get(id)
 
-    def jobs(self, *, verb: str | None = None, limit: int = 100) -> list[Job]:
-        """The newest refinement jobs, of one verb or all, newest first."""
-        return self._jobs.newest(verb=verb, limit=limit)
+    def jobs(self, *, verb: str | None = None, limit: int = 100, unfinished: bool = False) -> list[Job]:
+        """The newest refinement jobs, of one verb or all, newest first; all of them, or only those that go on."""
+        return self._jobs.newest(verb=verb, limit=limit, unfinished=unfinished)
+
+    def ended_jobs(self) -> dict[tuple[str, str], int]:
+        """How many refinement jobs ended, by verb and state."""
+        return self._jobs.ended()
 
     def update_job(self, id: str, **changes: Any) -> Job:
         """Change ``state``, ``progress``, ``version_before``, ``version_after`` or ``detail`` of a job.
 
-        Raises :class:`UnknownJob`, :class:`InvalidValue`, or :class:`JobEnded` where it ended and would go on again.
+        Raises :class:`UnknownJob`, :class:`InvalidValue`, or :class:`JobEnded` where it ended in another state: the
+        first to end a job decides, whoever comes second learns it.
         """
         return self._jobs.update(id, changes)
 
@@ -359,41 +375,3 @@ class Store:
 
     def _reason(self, who: str, why: str) -> Reason:
         return Reason(check_text("who", who, 200, empty=False), check_text("why", why, 2000), self._clock())
-
-
-def _enter(
-    ledger: Ledger,
-    blob: Blob,
-    quality: Mapping[str, Any],
-    reason: Reason,
-    *,
-    parent: int | None,
-    expected: int | None,
-    activate: bool,
-) -> Version:
-    """Write down that a blob was published, unless it was before; point to it where asked."""
-    last, sha256 = ledger.lock(), str(blob.sha256)
-    version = ledger.same(sha256, parent)
-    if version is not None:
-        if activate:
-            ledger.turn(version, reason, expected=expected)
-        return version
-    ledger.expect(expected)
-    if parent is not None:
-        ledger.pick(parent)
-    version = Version(
-        verb=ledger.verb,
-        number=last + 1,
-        sha256=sha256,
-        size_bytes=blob.size_bytes,
-        who=reason.who,
-        why=reason.why,
-        quality=dict(quality),
-        created_at_s=reason.at_s,
-        parent=parent,
-    )
-    ledger.add(version)
-    if activate:
-        ledger.point(version.number)
-    ledger.note("publish", version.number, reason)
-    return version

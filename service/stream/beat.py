@@ -148,7 +148,8 @@ class Beat:
                 for post in plan.posts:
                     post.session.dropped += missed
                 self._metrics.missed(missed * len(plan.posts))
-            await self._send(plan, due_s, clock_ns + int(due_s * 1e9), pause)
+            shown_s = self.origin_s + max(self._ticks[fps] / fps for fps in steps)
+            await self._send(plan, shown_s, clock_ns + int(shown_s * 1e9), pause)
 
     def _count(self, due_s: float, now_s: float) -> dict[int, int]:
         """Ticks by fps since the last one, for every fps that is due; those that were missed are stepped over."""

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from service.catalog import Catalog, Entry
+from service.demand import Demand
 from service.errors import ChannelInUse, TooManyChannels, UnknownChannel, UnknownSession
 from service.messages import Open, Set, Switch
 from service.metrics import Metrics
@@ -25,11 +26,11 @@ from verbs.errors import VerbError
 
 __all__ = ["Hub"]
 
-BEATS = 32
-"""A beat comes about half a millisecond after the one before."""
+BEATS = 8
+"""A beat comes about two milliseconds after the one before."""
 
 BEAT_S = 1.0 / 60.0 / BEATS
-CROWDED = 32
+CROWDED = 64
 """Characters in a beat from which on another beat is opened."""
 
 EARLY_S = 0.0003
@@ -50,10 +51,12 @@ class Hub:
     metrics : Metrics
     catalog : callable
         Gives the verbs that are served now; raises :class:`service.errors.NotReady`.
+    demand : Demand
+        Told twice a second what every character is asked for.
     """
 
-    def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog]) -> None:
-        self.settings, self.metrics, self._catalog = settings, metrics, catalog
+    def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog], demand: Demand) -> None:
+        self.settings, self.metrics, self._catalog, self._demand = settings, metrics, catalog, demand
         self.sessions: dict[str, Session] = {}
         self.draining = False
         self._groups: dict[tuple[str, int, str], Group] = {}
@@ -342,6 +345,7 @@ class Hub:
         for session in [one for one in self.sessions.values() if one.lost_at is not None and one.lost_at < over]:
             await self.forget(session)
         self.metrics.streaming(sum(one.connected for one in self.sessions.values()), self.characters)
+        self._demand.look_at(self._groups.values())
 
 
 def _names(entry: Entry) -> list[str]:
@@ -350,4 +354,4 @@ def _names(entry: Entry) -> list[str]:
 
 def _spread(k: int) -> int:
     """Number k with its bits in reverse: the first few beats lie far apart."""
-    return int(f"{k:05b}"[::-1], 2)
+    return int(f"{k:03b}"[::-1], 2)

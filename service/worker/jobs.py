@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -24,7 +24,7 @@ from service.worker.asked import Asked
 from service.worker.course import SETS, Course, go_on
 from service.worker.judge import held_out, judge, same_examples
 from service.worker.scratch import Scratch
-from service.worker.traffic import drawn
+from service.worker.traffic import drawn, together
 from verbs import artifact
 from verbs.conventions import F64
 from verbs.errors import VerbError
@@ -90,7 +90,7 @@ class Work:
             return self._run(job)
         except Exception as err:  # whatever it is, the job is over and its user reads why
             log.error("job failed", job=job, exc_info=err)
-            return self._step("close", self.close, job, "failed", _problem(err), None)
+            return self._step("close", self.close, job, "failed", _problem(err))
 
     def _run(self, job: str) -> State:
         state = self._step("begin", self.begin, job)
@@ -99,18 +99,16 @@ class Work:
                 raise Leaving
             state = self._step("advance", self.advance, job, state)
         if state["ended"]:
-            return self._step("close", self.close, job, "", "", None)
+            return self._step("close", self.close, job, "", "")
         for _ in range(ROUNDS):
             weighed = self._step("weigh", self.weigh, job, state)
             if not weighed["better"]:
-                return self._step("close", self.close, job, "not_better", weighed["text"], None)
+                return self._step("close", self.close, job, "not_better", weighed["text"])
             published = self._step("publish", self.publish, job, weighed)
-            if published["version"]:
-                return self._step("close", self.close, job, "published", weighed["text"], published["version"])
             if published["ended"]:
-                return self._step("close", self.close, job, "", "", None)
+                return self._step("close", self.close, job, "", "")
         text = f"not better: the verb was changed {ROUNDS} times while the result was compared with it"
-        return self._step("close", self.close, job, "not_better", text, None)
+        return self._step("close", self.close, job, "not_better", text)
 
     def begin(self, job: str) -> State:
         """Fix what the job goes by: the version and, where it was asked for, the traffic so far."""
@@ -177,29 +175,29 @@ class Work:
         return {"better": verdict.better, "text": verdict.text, "candidate": name, "figures": figures}
 
     def publish(self, job: str, weighed: State) -> State:
-        """Publish the result, if the verb still is what it was weighed against; version 0 where it is not."""
+        """Publish the result and end the job, both or neither, if the verb still is what it was weighed against."""
         row, name, against = self.store.job(job), weighed["candidate"], weighed["figures"]["against"]
-        if row.state in ENDED:
-            return {"version": row.version_after or 0, "ended": True}
+        if row.state in ENDED:  # it was cancelled; or this step was done before, by whoever had the job then
+            return {"ended": True}
         try:
-            version = self.store.publish(
+            self.store.publish(
                 row.verb, self._scratch(job).path(name), who=f"job {job}", why=weighed["text"][:1_000],
-                quality=weighed["figures"], parent=against, expected=against,
+                quality=weighed["figures"], parent=against, expected=against, ends=job,
             )  # fmt: skip
         except Conflict:
-            found = self.store.current().get(row.verb)
-            if found is None or found.sha256 != name:
-                return {"version": 0, "ended": False}
-            version = found  # another worker, which took this job for abandoned or was taken for dead, was faster
-        return {"version": version.number, "ended": False}
+            return {"ended": False}
+        except JobEnded as err:
+            log.info("job has ended", job=job, state=err.state)
+        return {"ended": True}
 
-    def close(self, job: str, state: str, detail: str, version: int | None) -> State:
+    def close(self, job: str, state: str, detail: str) -> State:
         """Tell the user how it ended, and tidy up; an empty state stands for a job that has ended already."""
-        if version or (state and self.store.job(job).state not in ENDED):  # what was published is told in any case
-            self._tell(job, state=state, detail=detail, version_after=version)
+        if state:
+            self._tell(job, state=state, detail=detail)
         self._scratch(job).clear()
-        log.info("job closed", job=job, state=state or "ended before", version=version)
-        return {"state": state, "version": version}
+        row = self.store.job(job)
+        log.info("job closed", job=job, state=row.state, version=row.version_after)
+        return {"state": row.state, "version": row.version_after}
 
     def _tell(self, job: str, **changes: Any) -> None:
         """Change the job's row, unless it was cancelled or given up meanwhile."""
@@ -215,10 +213,10 @@ class Work:
         assert number is not None  # jobs are made with it
         return self._loaded(self.store.path(self.store.version(name, number)))
 
-    def _cells(self, verb: str) -> list[Mapping[str, Any]]:
+    def _cells(self, verb: str) -> list[dict[str, Any]]:
         """Traffic of the last week, of all servers together."""
-        rows = self.store.traffic(verb, not_before_s=time.time() - TRAFFIC_S)
-        return [cell for row in rows for cell in row.get("cells", ())]
+        now_s = time.time()
+        return together(self.store.traffic(verb, not_before_s=now_s - TRAFFIC_S), now_s)
 
     def _sets(self, job: str, verb: Verb, asked: Asked, state: State) -> list[F64 | None]:
         """Sets of search points: what a refinement chooses by itself and, with traffic, points drawn from it."""

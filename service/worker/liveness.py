@@ -58,6 +58,10 @@ class Locks(Protocol):
         """Try the lock, and keep it for as long as the context lasts: yields whether its worker is dead."""
         ...
 
+    def tidy(self) -> None:
+        """Remove what dead workers left of their locks."""
+        ...
+
     def close(self) -> None:
         """Close what trying locks needed; locks that are held are another matter."""
         ...
@@ -80,7 +84,7 @@ def check_executor(executor_id: str) -> str:
 
 
 class FileLocks:
-    """Locks as files of a folder; they are never removed, for a lock on a removed file excludes nobody."""
+    """Locks as files of a folder, removed by whoever lets go: a lock on a file that is gone excludes nobody."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -88,13 +92,17 @@ class FileLocks:
     def hold(self, executor_id: str) -> FileHold | None:
         """See :class:`Locks`."""
         path = self.folder / f"exec-{check_executor(executor_id)}.lock"
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            return None
-        return FileHold(descriptor)
+        while True:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(descriptor)
+                return None
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(descriptor), path.stat()):
+                    return FileHold(path, descriptor)
+            os.close(descriptor)  # it was removed between opening and locking: another one counts now
 
     @contextmanager
     def tried(self, executor_id: str) -> Iterator[bool]:
@@ -106,6 +114,12 @@ class FileLocks:
             if found is not None:
                 found.release()
 
+    def tidy(self) -> None:
+        """See :class:`Locks`."""
+        for path in self.folder.glob("exec-*.lock"):
+            with self.tried(path.stem.removeprefix("exec-")):
+                pass  # letting go removes it
+
     def close(self) -> None:
         """See :class:`Locks`."""
 
@@ -113,8 +127,8 @@ class FileLocks:
 class FileHold:
     """A locked file."""
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self._path, self._descriptor = path, descriptor
 
     def held(self) -> bool:
         """See :class:`Hold`."""
@@ -122,6 +136,7 @@ class FileHold:
 
     def release(self) -> None:
         """See :class:`Hold`."""
+        self._path.unlink(missing_ok=True)
         os.close(self._descriptor)
 
 
@@ -146,6 +161,9 @@ class SessionLocks:
         finally:
             if found:
                 self._trials.ask("SELECT pg_advisory_unlock(%s::int, %s::int)", key)
+
+    def tidy(self) -> None:
+        """See :class:`Locks`; a session leaves nothing."""
 
     def close(self) -> None:
         """See :class:`Locks`."""

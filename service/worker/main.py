@@ -16,7 +16,7 @@ import structlog
 from dbos import DBOS
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.store.records import StoreError
+from service.store.records import StoreError, StoreUnavailable
 from service.store.store import Store
 from service.worker import engine
 from service.worker.errors import ExecutorInUse
@@ -92,8 +92,11 @@ def run(
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
-    worker = Worker(database_url, artifacts, executor_id=executor_id, step_s=step_s, cache=cache)
-    worker.start()
+    try:
+        worker = Worker(database_url, artifacts, executor_id=executor_id, step_s=step_s, cache=cache)
+        worker.start()
+    except (SQLAlchemyError, psycopg.Error) as err:
+        raise StoreUnavailable(f"the queue of jobs cannot be reached ({type(err).__name__})") from err
     say(f"worker '{executor_id}' is ready")
     while not asked_to_stop.wait(poll_s) and parent in (None, os.getppid()):
         worker.look()

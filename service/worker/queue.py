@@ -6,14 +6,14 @@ import threading
 import time
 import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from dbos import DBOSClient, EnqueueOptions
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
-from service.store.records import ENDED, Job, StoreUnavailable, UnknownVerb
+from service.store.records import ENDED, Job, JobEnded, StoreUnavailable, UnknownVerb
 from service.store.store import Store
 from service.worker import engine
 from service.worker.asked import Asked
@@ -98,9 +98,10 @@ class Refinements:
         if job.state in ENDED:
             return job
         by = f" by {who}" if who else ""
-        cancelled = self._store.update_job(id, state="cancelled", detail=f"cancelled{by}")
-        if cancelled.version_after is not None:  # its last step was faster
-            return self._store.update_job(id, state="published", detail="published before it could be cancelled")
+        try:
+            cancelled = self._store.update_job(id, state="cancelled", detail=f"cancelled{by}")
+        except JobEnded:  # its last step was faster
+            return self._store.job(id)
         if job.state == "queued":
             with self._reached() as client:
                 client.cancel_workflow(id)
@@ -146,7 +147,8 @@ class Refinements:
             if job.state in ENDED or (mine and (job.created_at_s, job.id) >= (mine.created_at_s, mine.id)):
                 continue
             if mine:
-                self._store.update_job(mine.id, state="cancelled", detail=f"job {job.id} was faster")
+                with suppress(JobEnded):  # somebody cancelled it by then
+                    self._store.update_job(mine.id, state="cancelled", detail=f"job {job.id} was faster")
             raise AlreadyRunning(verb, job.id)
 
     @contextmanager

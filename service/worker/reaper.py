@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 import structlog
 from dbos import DBOSClient, WorkflowStatus
 
-from service.store.records import ENDED, UnknownJob
+from service.store.records import ENDED, JobEnded, UnknownJob
 from service.store.store import Store
 from service.worker import engine
 from service.worker.liveness import Locks
@@ -100,7 +101,8 @@ class Reaper:
         if not ended:
             log.error("job given up", job=job, reaps=reaps)
             detail = f"given up: its worker died {reaps} times, so the job itself may be what kills it"
-            self._store.update_job(job, state="given_up", detail=detail)
+            with suppress(JobEnded):  # its user cancelled it by now
+                self._store.update_job(job, state="given_up", detail=detail)
         Scratch(self._artifacts, job, cache=self._cache).clear()
         return job
 
@@ -131,10 +133,11 @@ class Reaper:
             if self._store.job(job.id).state in ENDED:  # it has ended between the two questions
                 continue
             log.warning("job adopted", job=job.id, status=known.get(job.id))
-            if job.id in known:
-                self._store.update_job(job.id, state="failed", detail="it failed while the database was away")
-            else:
+            if job.id not in known:
                 enqueue(self._client, job)
+                continue
+            with suppress(JobEnded):
+                self._store.update_job(job.id, state="failed", detail="it failed while the database was away")
         return [job.id for job in adopted]
 
     def tidy(self) -> int:
@@ -146,6 +149,7 @@ class Reaper:
         for status in old:
             Scratch(self._artifacts, status.workflow_id, cache=self._cache).clear()  # a late worker may have left some
         self._client.delete_workflows([status.workflow_id for status in old])
+        self._locks.tidy()
         return len(old)
 
     def _pending(self, executor_id: str | None = None) -> list[WorkflowStatus]:

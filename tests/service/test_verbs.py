@@ -4,10 +4,17 @@ import re
 
 import pytest
 
+from service.api import pages
 from tests.service.conftest import app_of, client_of
 from verbs import describe, library
 
 pytestmark = pytest.mark.anyio
+
+
+@pytest.fixture(autouse=True)
+def _no_dashboard(tmp_path, monkeypatch) -> None:
+    """Whether it is built here or not."""
+    monkeypatch.setattr(pages, "STATIC", tmp_path)
 
 
 async def test_the_list_names_all_verbs_with_version_and_adverbs(client):

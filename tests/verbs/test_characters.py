@@ -26,6 +26,7 @@ def people_of(verb_of):
 
     return get
 
+
 SINGLE = 2e-6
 """What sums in single precision may be off."""
 

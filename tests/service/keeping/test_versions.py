@@ -1,81 +1,25 @@
 """Upload, versions, roll back, delete, refine: a real server that keeps a real store, with a real worker beside it."""
 
 import asyncio
-import io
 import json
 import os
 import signal
-import time
-import zipfile
+from dataclasses import replace
 from pathlib import Path
 
-import httpx
 import pytest
 
 from service.settings import Settings
-from tests.service.stream.conftest import Server, talk
-from tests.verbs.sources import arm_source
-from verbs import library
+from tests.service.keeping.conftest import JSON, OCTETS, PATIENCE_S, ZIP, Kept, children, client_of, until, zipped_arm
+from tests.service.stream.conftest import talk
+from verbs import artifact, library
 
 pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("keeping")]  # one server, whose verbs the tests change
-
-OCTETS, ZIP, JSON = "application/octet-stream", "application/zip", "application/json"
-PATIENCE_S = 120.0
-
-
-class Kept(Server):
-    """A server with a data folder; it loads its verbs itself."""
-
-    def __init__(self, **settings):
-        super().__init__(None, **settings)
-        del self.serving.open
-        opened = self.serving.open
-
-        async def open_here():
-            self.loop = asyncio.get_running_loop()
-            await opened()
-
-        self.serving.open = open_here
 
 
 @pytest.fixture(scope="module")
 def arm_zip(tmp_path_factory):
     return zipped_arm(tmp_path_factory.mktemp("source"))
-
-
-def zipped_arm(folder, description=""):
-    folder.mkdir(exist_ok=True)
-    source = arm_source(folder / "arm")
-    with (Path(source) / "verb.toml").open("r+") as file:
-        text = file.read()
-        file.seek(0)
-        file.write(f'description = "{description}"\n{text}' if description else text)
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w") as archive:
-        for file in sorted(Path(source).iterdir()):
-            archive.writestr(file.name, file.read_bytes())
-    return packed.getvalue()
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory):
-    server = Kept(data=tmp_path_factory.mktemp("kept"), refiners=1).start(PATIENCE_S)
-    yield server
-    server.stop()
-
-
-@pytest.fixture
-async def client(kept):
-    async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{kept.port}", timeout=PATIENCE_S) as client:
-        yield client
-
-
-async def until(client, path, holds):
-    end = time.monotonic() + PATIENCE_S
-    while not holds(answer := (await client.get(path)).json()):
-        assert time.monotonic() < end, answer
-        await asyncio.sleep(0.1)
-    return answer
 
 
 async def test_a_zip_becomes_a_verb_and_replaces_itself(client, arm_zip):
@@ -99,6 +43,31 @@ async def test_if_match_keeps_two_authors_apart(client, tmp_path):
     assert (right.status_code, right.json()["version"]) == (201, now + 1)
     bad = await client.post("/v1/verbs", content=other, headers={"Content-Type": ZIP, "If-Match": "soon"})
     assert (bad.status_code, bad.json()["code"]) == (422, "bad_request")
+
+
+async def test_two_uploads_at_once_come_one_after_the_other(client, tmp_path):
+    async def both(what, **headers):
+        files = []
+        for k in range(2):
+            artifact.save(
+                replace(library.load("arm3"), name="raced", description=f"{what} {k}"), tmp_path / "raced.verb"
+            )
+            files.append((tmp_path / "raced.verb").read_bytes())
+        headers = {"Content-Type": OCTETS, **headers}
+        posts = [client.post("/v1/verbs", content=file, headers=headers) for file in files]
+        answers = sorted(await asyncio.gather(*posts), key=lambda answer: answer.status_code)
+        listed = (await client.get("/v1/verbs/raced/versions")).json()
+        return answers, listed["current"], [row["version"] for row in listed["versions"]]
+
+    answers, current, versions = await both("free")
+    assert sorted(answer.json()["version"] for answer in answers) == [1, 2]
+    assert (current, versions) == (2, [2, 1])
+    (right, wrong), current, versions = await both("bound", **{"If-Match": '"2"'})
+    assert (right.status_code, right.json()["version"]) == (201, 3)
+    assert (wrong.status_code, wrong.json()["code"], wrong.json()["current"]) == (412, "version_conflict", 3)
+    assert (current, versions) == (3, [3, 2, 1])
+    assert (await client.get("/v1/verbs/raced")).json()["version"] == 3
+    assert (await client.delete("/v1/verbs/raced")).status_code == 204
 
 
 @pytest.mark.parametrize(
@@ -181,20 +150,6 @@ async def test_a_refinement_can_be_cancelled_and_its_worker_killed(client, kept)
     assert (await client.get("/v1/verbs/reach")).json()["version"] == 1
 
 
-def children(pid, word):
-    """Ids of child processes whose command line has a word."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = path.read_text().rsplit(")", 1)[1].split()
-            line = path.with_name("cmdline").read_bytes()
-        except OSError:
-            continue
-        if int(fields[1]) == pid and word.encode() in line:
-            found.append(int(path.parent.name))
-    return found
-
-
 async def test_unknown_refinements_are_said_to_be_unknown(client):
     for answer in (await client.get("/v1/refinements/nobody"), await client.delete("/v1/refinements/nobody")):
         assert (answer.status_code, answer.json()["code"]) == (404, "unknown_refinement")
@@ -208,7 +163,7 @@ async def test_a_restart_finds_everything(tmp_path, arm_zip):
     for round_ in (1, 2):
         server = Kept(data=tmp_path, refiners=0).start(PATIENCE_S)
         try:
-            async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{server.port}", timeout=PATIENCE_S) as client:
+            async with client_of(server) as client:
                 if round_ == 1:
                     await client.post("/v1/verbs", content=arm_zip, headers={"Content-Type": ZIP})
                     await client.delete("/v1/verbs/board")
@@ -220,7 +175,7 @@ async def test_a_restart_finds_everything(tmp_path, arm_zip):
 
 async def test_without_a_data_folder_nothing_can_be_changed(serve):
     with serve() as server:
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{server.port}") as client:
+        async with client_of(server) as client:
             for method, path in (
                 ("POST", "/v1/verbs/arm3/refinements"),
                 ("GET", "/v1/verbs/arm3/versions"),

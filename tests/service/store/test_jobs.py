@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import threading
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
@@ -33,11 +35,64 @@ def test_a_job_goes_on_and_ends(store, clock):
     assert (job.state, job.progress, job.updated_at_s) == ("running", {"share": 0.5}, clock.now_s)
     store.update_job("j1", state="published", version_after=4, detail="better by 12 %")
     store.update_job("j1", state="published")
-    with pytest.raises(JobEnded, match="has ended .published."):
-        store.update_job("j1", state="running")
+    for other in ("running", "cancelled", "failed"):
+        with pytest.raises(JobEnded, match="has ended .published."):
+            store.update_job("j1", state=other, detail="too late")
+    assert store.job("j1").detail == "better by 12 %"
     assert store.update_job("j1", progress={"share": 1.0}).state == "published"
     with pytest.raises(UnknownJob):
         store.update_job("j2", state="running")
+
+
+def test_publishing_ends_a_job_or_does_not_happen(store, artifact):
+    store.add_job(JOB)
+    version = store.publish("reach", artifact("one"), who="j1", why="better", quality={}, ends="j1")
+    job = store.job("j1")
+    assert (job.state, job.version_after, job.detail) == ("published", version.number, "better")
+    store.add_job(replace(JOB, id="j2"))
+    store.update_job("j2", state="cancelled")
+    with pytest.raises(JobEnded, match="has ended .cancelled."):
+        store.publish("reach", artifact("two"), who="j2", why="better", quality={}, ends="j2")
+    with pytest.raises(UnknownJob):
+        store.publish("reach", artifact("two"), who="j3", why="better", quality={}, ends="j3")
+    assert store.versions("reach") == [version]
+    assert len(store.history("reach")) == 1
+
+
+def test_of_cancelling_and_publishing_one_happens(place, store, artifact):
+    other, file, published = place.open(), artifact("one"), 0
+    for k in range(12):
+        store.add_job(replace(JOB, id=f"j{k}", verb="reach"))
+        file.write_text(str(k))
+        barrier = threading.Barrier(2)
+
+        def cancel(id=f"j{k}", barrier=barrier):
+            barrier.wait(30)
+            with suppress(JobEnded):
+                other.update_job(id, state="cancelled")
+
+        thread = threading.Thread(target=cancel)
+        thread.start()
+        barrier.wait(30)
+        with suppress(JobEnded):
+            store.publish("reach", file, who="test", why="", quality={}, ends=f"j{k}")
+        thread.join(30)
+        job = store.job(f"j{k}")
+        published += job.state == "published"
+        assert job.version_after == (published if job.state == "published" else None)
+    assert sum(store.ended_jobs().values()) == 12
+    assert (store.current()["reach"].number if published else 0) == published
+    other.close()
+
+
+def test_what_goes_on_and_what_ended_is_told(store):
+    for k, state in enumerate(["queued", "running", "failed", "failed", "published"]):
+        store.add_job(replace(JOB, id=f"j{k}", state=state, created_at_s=float(k)))
+    store.add_job(replace(JOB, id="punch", verb="punch", state="failed"))
+    assert [job.id for job in store.jobs(unfinished=True)] == ["j1", "j0"]
+    assert store.jobs(verb="punch", unfinished=True) == []
+    ended = {("reach", "failed"): 2, ("reach", "published"): 1, ("punch", "failed"): 1}
+    assert store.ended_jobs() == ended
 
 
 def test_what_a_job_cannot_be_is_refused(store):

@@ -214,6 +214,24 @@ def test_result_of_a_job_that_is_cancelled_at_last_is_not_published(bench: Bench
     assert not list(bench.folder.glob("verbs/jobs/*"))
 
 
+def test_job_that_is_cancelled_while_it_publishes_publishes_nothing(bench: Bench, monkeypatch):
+    bench.publish()
+    publish = bench.store.publish
+
+    def late(*arguments, **options):
+        def cancel(step: str) -> None:
+            if step == "transaction":
+                bench.store.update_job("j", state="cancelled", detail="cancelled by me")
+
+        return publish(*arguments, **options, at=cancel)
+
+    monkeypatch.setattr(bench.store, "publish", late)
+    row = bench.ran("j")
+    assert (row.state, row.version_after, row.detail) == ("cancelled", None, "cancelled by me")
+    assert [version.number for version in bench.store.versions("arm3")] == [1]
+    assert not list(bench.folder.glob("verbs/jobs/*"))
+
+
 def test_failure_is_told_to_the_user_and_its_inside_is_not(bench: Bench, monkeypatch):
     bench.publish()
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from service.store.records import StoreUnavailable, UnknownJob, UnknownVerb, UnknownVersion
+from service.store.records import ENDED, Job, StoreUnavailable, UnknownJob, UnknownVerb, UnknownVersion
 from service.store.store import Store
 from service.worker import engine
 from service.worker.errors import AlreadyRunning
@@ -74,12 +74,18 @@ def test_cancelled_job_leaves_the_queue_and_the_verb_is_free(desk: Desk):
     desk.queue.start("arm3", None, {}, "me")
 
 
-def test_job_that_publishes_before_it_is_cancelled_is_published(desk: Desk, monkeypatch):
-    job = desk.queue.start("arm3", None, {}, "me")
-    monkeypatch.setattr(desk.store, "job", lambda id: job)  # what was read before the last step
-    desk.store.update_job(job.id, state="published", version_after=2)
+def test_job_that_publishes_while_it_is_being_cancelled_stays_published(desk: Desk, monkeypatch):
+    job, read = desk.queue.start("arm3", None, {}, "me"), desk.store.job
+
+    def read_before_the_last_step(id: str) -> Job:
+        found = read(id)
+        if found.state not in ENDED:
+            desk.store.update_job(id, state="published", version_after=2, detail="better")
+        return found
+
+    monkeypatch.setattr(desk.store, "job", read_before_the_last_step)
     found = desk.queue.cancel(job.id)
-    assert (found.state, found.detail) == ("published", "published before it could be cancelled")
+    assert (found.state, found.version_after, found.detail) == ("published", 2, "better")
 
 
 def test_what_does_not_exist_cannot_be_refined(desk: Desk):

@@ -56,16 +56,19 @@ $(DASHBOARD)/node_modules: $(DASHBOARD)/package-lock.json
 	@npm --prefix $(DASHBOARD) ci --silent --no-audit --no-fund
 	@touch $@
 
-test: setup  ## run the whole test suite
+test: setup $(PAGE)  ## run the whole test suite
 	@echo "test: compiling kernels, a minute or two the first time"
 	@$(BIN)/python -m service.warm
 	@$(BIN)/python -m pytest -n 2 --dist loadgroup
+	@$(if $(HAS_NPM),npm --prefix $(DASHBOARD) test --silent,echo "test: without npm, the dashboard's own tests are left out")
 
 lint: setup  ## style, imports, architecture, lock files
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/lint-imports --no-cache
 	@! grep -n '://' requirements.lock requirements.runtime.lock || (echo "lock files must name no address" && false)
+	@! grep -n '"resolved"' $(DASHBOARD)/package-lock.json || (echo "lock files must name no address" && false)
+	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent lint,echo "lint: without npm, the dashboard is left out")
 
 types: setup  ## mypy --strict
 	@$(BIN)/mypy

@@ -1,0 +1,208 @@
+"""Pictures of the dashboard, one per state, of a server of its own, to be looked at.
+
+`screenshots.py [-o DIR] [--only WORD] [FILE.verb …]`: build the page before (`make dashboard`). Verbs given as files are
+served besides the built-in ones and pictured held. Needs Playwright and a Chromium on the path.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+PROJECT = Path(__file__).parents[2]
+START = "from service.cli import main; main()"
+FLAGS = [
+    *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"),
+]
+WIDE, SMALL, PHONE = (1280, 720), (1000, 640), (390, 844)
+PATIENCE_S = 90.0
+BUILT_IN = ("arm3", "board", "reach")
+PANELS = ("quality", "versions", "service", "add")
+REACH = {"at.x": "-0.35", "at.y": "1.45", "at.z": "0.45"}
+
+Act = Callable[[Page], object]
+
+
+@dataclass(frozen=True)
+class State:
+    """A picture: its name, the view in the link, what is done before it is taken, and the window."""
+
+    name: str
+    view: dict[str, str]
+    act: Act = lambda page: page.wait_for_timeout(600)
+    size: tuple[int, int] = WIDE
+    scheme: str = "light"
+    loads: bool = True
+
+
+class Service:
+    """`adverb serve` on a port that is free, with a data folder of its own."""
+
+    def __init__(self, data: Path, verbs: list[Path]):
+        for path in verbs:
+            shutil.copy(path, data)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", START, "serve", "--port", "0", "--data", str(data)],
+            cwd=PROJECT,
+            env={**os.environ, "ADVERB_REFINERS": "1"},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.url = self._address()
+
+    def stop(self) -> None:
+        """End it; a second time does nothing."""
+        self.process.terminate()
+        self.process.communicate()
+
+    def _address(self) -> str:
+        assert self.process.stderr
+        for line in self.process.stderr:
+            if found := re.search(r"http://127\.0\.0\.1:\d+", line):
+                return found[0]
+        raise SystemExit("the server ended before it said where it listens")
+
+
+def until(page: Page, condition: str) -> None:
+    """Wait for a condition by asking again; the page's policy forbids waiting inside it."""
+    end = time.monotonic() + PATIENCE_S
+    while not page.evaluate(f"Boolean({condition})"):
+        if time.monotonic() > end:
+            raise TimeoutError(condition)
+        page.wait_for_timeout(50)
+
+
+def hold(page: Page) -> None:
+    """Stand where the goal is met."""
+    page.get_by_role("button", name="Hold at").click()
+    until(page, "!adverb.view.playing && Math.abs(adverb.shown.main.phase - adverb.view.phase) < 1e-3")
+    page.wait_for_timeout(800)
+
+
+def drag(page: Page, across: int, down: int) -> None:
+    """Hold, and drag the goal by so many pixels; the pointer stays on it."""
+    hold(page)
+    x, y = page.evaluate("adverb.drawn.handle")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for step in range(1, 9):
+        page.mouse.move(x + across * step / 8, y + down * step / 8)
+        page.wait_for_timeout(40)
+    page.wait_for_timeout(1500)
+
+
+def beside(page: Page) -> None:
+    """Hold, with something else beside it."""
+    hold(page)
+    until(page, "adverb.shown.other !== null")
+    page.wait_for_timeout(1000)
+
+
+def crowd(page: Page) -> None:
+    """Wait until all have come."""
+    until(page, "adverb.shown.main.count === adverb.view.crowd")
+    page.wait_for_timeout(1500)
+
+
+def pressed(*names: str) -> Act:
+    """Press keys, one after the other."""
+    return lambda page: [page.keyboard.press(name) for name in names] and page.wait_for_timeout(400)
+
+
+def opened(tab: str) -> Act:
+    """Open a tab by its button; on a phone that draws the sheet up."""
+    return lambda page: page.get_by_role("tab", name=tab).click() or page.wait_for_timeout(2500)
+
+
+def refused(page: Page) -> None:
+    """Have the page say what is wrong with a link."""
+    page.get_by_text("is not served here").wait_for()
+    page.wait_for_timeout(800)
+
+
+def states(service: Service, verbs: list[str]) -> Iterator[State]:
+    """All pictures in the order in which they are taken; the last ones are of a server that is gone."""
+    everything = {"pseudo": "yes", "verb": "reach", **REACH}
+    for verb in (*BUILT_IN, *verbs):
+        yield State(f"{verb}_playing", {"verb": verb})
+        yield State(f"{verb}_held", {"verb": verb}, lambda page: drag(page, 40, -40))
+        yield State(f"{verb}_dark", {"verb": verb}, lambda page: drag(page, -30, 20), SMALL, "dark")
+        yield State(f"{verb}_phone", {"verb": verb}, hold, PHONE)
+    yield State("reach_picture", everything, lambda page: drag(page, -24, -16))
+    for scheme in ("light", "dark"):
+        view = {"verb": "reach", "against": "method:rbf", **REACH}
+        yield State(f"beside_{scheme}", view, beside, WIDE, scheme)
+        yield State(f"crowd_{scheme}", {"verb": "reach", "crowd": "200"}, crowd, WIDE, scheme)
+        yield State(f"keys_{scheme}", {"verb": "reach"}, pressed("?"), SMALL, scheme)
+        for panel in PANELS:
+            opened_view = {"verb": "reach", "panel": panel}
+            yield State(f"{panel}_{scheme}", opened_view, opened(panel.title()), WIDE, scheme)
+    yield State("beside_arm3", {"verb": "arm3", "against": "method:rbf"}, beside, SMALL)
+    yield State("crowd_arm3", {"verb": "arm3", "crowd": "24"}, crowd, SMALL)
+    yield State("focus", {"verb": "reach"}, pressed("Tab", "Tab"), SMALL)
+    for tab in ("Verb", *map(str.title, PANELS)):
+        yield State(f"sheet_{tab.lower()}", {"verb": "reach"}, opened(tab), PHONE)
+    yield State("phone_dark", {"verb": "reach", "against": "method:rbf"}, beside, PHONE, "dark")
+    yield State("error", {"verb": "wave"}, refused, SMALL)
+    yield State("error_phone", {"verb": "wave"}, refused, PHONE)
+    yield State("loading", {"verb": "reach"}, size=SMALL, loads=False)
+    gone = {"verb": "reach", **REACH}
+    yield State("gone", gone, lambda page: (service.stop(), page.wait_for_timeout(2500)), SMALL)
+
+
+def take(browser: Browser, url: str, state: State, folder: Path) -> None:
+    """Open the page at a state and write its picture."""
+    wide, high = state.size
+    context = browser.new_context(
+        viewport={"width": wide, "height": high},
+        color_scheme="dark" if state.scheme == "dark" else "light",
+        has_touch=state.size == PHONE,
+    )
+    page = context.new_page()
+    page.on("pageerror", lambda err: sys.stderr.write(f"{state.name}: {err}\n"))
+    if not state.loads:
+        page.route("**/v1/**", lambda _: None)
+    page.goto(f"{url}/#" + "&".join(f"{name}={value}" for name, value in state.view.items()))
+    if state.loads:
+        until(page, "document.documentElement.dataset.ready === 'true'")
+    state.act(page)
+    page.screenshot(path=folder / f"{state.name}.png")
+    context.close()
+    sys.stdout.write(f"{folder / state.name}.png\n")
+
+
+def main() -> None:
+    """Take the pictures that are asked for."""
+    asked = argparse.ArgumentParser(description="Pictures of the dashboard, one per state.")
+    asked.add_argument("-o", "--out", type=Path, default=PROJECT / "build" / "screenshots", help="folder for pictures")
+    asked.add_argument("--only", default="", help="regular expression: only states whose names it matches")
+    asked.add_argument("verbs", nargs="*", type=Path, metavar="VERB", help="files of verbs that are served besides")
+    args = asked.parse_args()
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        raise SystemExit("no Chromium on the path; Debian's package `chromium` has it")
+    args.out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as data, sync_playwright() as playwright:
+        service = Service(Path(data), args.verbs)
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        try:
+            for state in states(service, [path.stem for path in args.verbs]):
+                if re.search(args.only, state.name):
+                    take(browser, service.url, state, args.out)
+        finally:
+            browser.close()
+            service.stop()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+import { createServer, type IncomingMessage, type Server } from "node:http";
+import type { AddressInfo } from "node:net";
+import { afterAll, beforeAll, expect, test } from "vitest";
+import { createRest, Problem } from "./rest";
+
+const ROUTES: Record<string, { status: number; type: string; body: string }> = {
+  "GET /v1/verbs": { status: 200, type: "application/json", body: '{"verbs": [{"name": "reach"}]}' },
+  "GET /v1/verbs/a%2Fb": {
+    status: 404,
+    type: "application/problem+json",
+    body: '{"code": "unknown_verb", "detail": "unknown verb", "known": ["reach"], "status": 404}',
+  },
+  "POST /v1/verbs/reach/pose": {
+    status: 422,
+    type: "application/problem+json",
+    body: '{"code": "invalid_request", "detail": "does not fit", "errors": [{"at": "adverbs.x", "problem": "no number"}]}',
+  },
+  "GET /metrics": { status: 502, type: "text/html", body: "<html>bad gateway" },
+  "GET /v1/refinements?verb=reach&limit=5": { status: 200, type: "application/json", body: '{"refinements": []}' },
+  "DELETE /v1/verbs/reach": { status: 204, type: "", body: "" },
+};
+let server: Server;
+let base: string;
+
+beforeAll(async () => {
+  server = createServer((request: IncomingMessage, answer) => {
+    const route = ROUTES[`${request.method} ${request.url}`];
+    answer.writeHead(route?.status ?? 500, { "Content-Type": route?.type ?? "text/plain" }).end(route?.body);
+  });
+  await new Promise<void>((done) => server.listen(0, "127.0.0.1", done));
+  base = `http://127.0.0.1:${(server.address() as AddressInfo).port}`;
+});
+afterAll(() => void server.close());
+
+const failure = (promise: Promise<unknown>) => promise.catch((err: unknown) => err as Problem);
+
+test("answers come as they are documented, names are escaped", async () => {
+  const rest = createRest(base);
+  expect((await rest.verbs()).map(({ name }) => name)).toEqual(["reach"]);
+  expect(await rest.refinements({ verb: "reach", limit: 5 })).toEqual([]);
+  expect(await rest.remove("reach")).toBeUndefined();
+});
+
+test("a problem keeps its code, its words, where it is, and what is known", async () => {
+  const rest = createRest(base);
+  const problem = await failure(rest.verb("a/b"));
+  expect(problem).toBeInstanceOf(Problem);
+  expect(problem).toMatchObject({ status: 404, code: "unknown_verb", known: ["reach"] });
+  expect(await failure(rest.pose("reach", { adverbs: {} }))).toMatchObject({
+    code: "invalid_request",
+    detail: "does not fit: adverbs.x: no number",
+  });
+  expect(await failure(rest.metrics())).toMatchObject({ status: 502, code: "unknown" });
+});
+
+test("no answer at all is a problem of its own, a call that was stopped is none", async () => {
+  expect(await failure(createRest("http://127.0.0.1:1").verbs())).toMatchObject({ status: 0, code: "offline" });
+  expect(await failure(createRest(base).verbs(AbortSignal.abort()))).toMatchObject({ name: "AbortError" });
+});

@@ -1,0 +1,23 @@
+import { expect, test } from "vitest";
+import type { Verb } from "./contracts";
+import { crowdGoals } from "./crowd";
+
+/** Two adverbs, examples on the corners of a square of side 2. */
+const verb = {
+  adverbs: [{ name: "x" }, { name: "y" }],
+  examples: [-1, 1].flatMap((x) => [-1, 1].map((y) => ({ adverbs: { x, y } }))),
+} as unknown as Verb;
+
+test("the first is the one that is steered, the others are spread over the examples' hull", () => {
+  const goals = crowdGoals(verb, [0.25, 0.5], 1000);
+  expect(goals).toHaveLength(1000);
+  expect(goals[0]).toEqual([0.25, 0.5]);
+  for (const goal of goals) for (const value of goal) expect(Math.abs(value)).toBeLessThanOrEqual(1);
+  const quadrants = new Set(goals.map(([x = 0, y = 0]) => `${x > 0.5} ${x < -0.5} ${y > 0.5} ${y < -0.5}`));
+  expect(quadrants.size).toBeGreaterThanOrEqual(8);
+  expect(new Set(goals.map((goal) => goal.join())).size).toBeGreaterThan(700);
+});
+
+test("a crowd that grows keeps those who are there", () => {
+  expect(crowdGoals(verb, [0, 0], 500).slice(0, 20)).toEqual(crowdGoals(verb, [0, 0], 20));
+});

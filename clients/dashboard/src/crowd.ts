@@ -1,0 +1,22 @@
+/** A crowd's goals: spread over the examples' hull, the same ones each time. */
+
+import type { Verb } from "./contracts";
+
+/** Steps of a low-discrepancy sequence of two numbers: powers of the plastic number. */
+const STEPS = [0.7548776662466927, 0.5698402909980532] as const;
+
+/**
+ * Adverbs of so many characters, in the order of the verb's: the first is the goal itself, each other one lies between
+ * two examples.
+ */
+export function crowdGoals(verb: Verb, goal: readonly number[], characters: number): number[][] {
+  const { examples, adverbs } = verb;
+  const size = examples.length;
+  return Array.from({ length: characters }, (_, k) => {
+    if (k === 0 || size === 0) return [...goal];
+    const pair = Math.floor(((k * STEPS[0]) % 1) * size * size);
+    const [a, b] = [examples[pair % size], examples[Math.floor(pair / size) % size]];
+    const share = (k * STEPS[1]) % 1;
+    return adverbs.map(({ name }) => (1 - share) * (a?.adverbs[name] ?? 0) + share * (b?.adverbs[name] ?? 0));
+  });
+}

@@ -1,0 +1,353 @@
+/** Maps of error and smoothness over a slice of adverb space: methods side by side, in one scale of colours. */
+
+import { textOf } from "../../app";
+import type { App, Verb, View } from "../../contracts";
+import { choice, h, offer, toggle } from "../../shell/dom";
+import { methodName } from "../../shell/header";
+import { gradient, linearScale, logScale, type Scale } from "./colours";
+import { type HeldRow, heldRows } from "./held";
+import { Latest } from "./latest";
+import { type Life, soon } from "./life";
+import { type Picture, type Place, QualityMap } from "./map";
+import { lookUp, NODES, near, type Quality, qualityPath, type Slice, sliceOf } from "./slice";
+import { digits, errorUnit, kappa, type Unit } from "./units";
+
+const AFTER_MS = 80;
+/** Errors below are as good as none: no scale of colours is finer. */
+const FINEST = 0.001;
+
+/** What is drawn: a method, in the version that is served or in another. */
+interface Cell {
+  method: string;
+  version: number | null;
+  map: QualityMap;
+  source: Latest<Quality>;
+  quality: Quality | null;
+  problem: string;
+}
+
+/** Methods that were chosen, kept while the panel is closed. */
+const kept = new Map<string, readonly string[]>();
+
+export class Maps {
+  readonly element: HTMLElement;
+  private readonly across;
+  private readonly up;
+  private readonly kinds = h("div", { className: "kinds", role: "group", "aria-label": "Map" });
+  private readonly follow;
+  private readonly methods = h("div", { className: "chips", role: "group", "aria-label": "Methods" });
+  private readonly lacking = h("small", { className: "lacking" });
+  private readonly held = h("div", { className: "adverbs" });
+  private readonly grid = h("div", { className: "maps" });
+  private readonly bar = h("div", { className: "ramp", style: `background: ${gradient()}` });
+  private readonly ticks = h("div", { className: "ramp-ticks" });
+  private readonly caption = h("small", {});
+  private readonly said = h("output", { className: "pointed", "aria-live": "off" });
+  private rows: HeldRow[] = [];
+  private cells: Cell[] = [];
+  private slice: Slice | null = null;
+  private place: Record<string, number> = {};
+  private pointed: Place | null = null;
+  private shape = "";
+  private readonly asking = soon(AFTER_MS, () => this.ask());
+  private frame = 0;
+
+  constructor(
+    private readonly app: App,
+    life: Life,
+  ) {
+    const { store } = app;
+    this.across = choice("Across", [], (name) => this.turn({ across: name }));
+    this.up = choice("Up", [], (name) => this.turn({ up: name }));
+    for (const [map, text] of MAPS) {
+      const onclick = () => store.change({ map });
+      this.kinds.append(h("button", { type: "button", "data-map": map, onclick }, text));
+    }
+    this.follow = toggle("Through the goal", () => this.moved());
+    this.follow.box.checked = true;
+    this.element = this.layOut();
+    life.add(
+      app.on("verb", () => this.show()),
+      store.on(["across", "up"], () => this.show()),
+      store.on(["goal"], () => this.moved()),
+      store.on(["against"], () => this.choose(this.chosen)),
+      store.on(["map", "pseudo"], () => this.draw()),
+      () => this.end(),
+    );
+    this.show();
+  }
+
+  private layOut(): HTMLElement {
+    const axes = h("div", { className: "axes" }, this.across.element, this.up.element);
+    const legend = h("div", { className: "legend" }, this.caption, this.bar, this.ticks);
+    const around = h("div", { className: "slice" }, this.follow.element);
+    return h(
+      "section",
+      { className: "quality-maps", "aria-label": "Maps" },
+      ...[this.kinds, axes, this.methods, this.grid, this.said, legend, around, this.held, this.lacking],
+    );
+  }
+
+  private end(): void {
+    this.asking.stop();
+    cancelAnimationFrame(this.frame);
+    for (const cell of this.cells) drop(cell);
+  }
+
+  private get verb(): Verb | null {
+    const { verb, store } = this.app;
+    return verb?.name === store.view.verb ? verb : null;
+  }
+
+  private get chosen(): readonly string[] {
+    const { verb } = this;
+    if (!verb) return [];
+    const usable = (kept.get(verb.name) ?? []).filter((method) => verb.methods.includes(method));
+    if (usable.length > 0) return usable;
+    const shown = ["rbf", "refined", verb.default_method].filter((method) => verb.methods.includes(method));
+    return [...new Set(shown)];
+  }
+
+  /** Another verb, another version of it, or other axes. */
+  private show(): void {
+    const { verb } = this;
+    this.element.hidden = verb === null;
+    if (!verb) return;
+    const names = verb.adverbs.map(({ name }) => [name, name] as const);
+    for (const { select } of [this.across, this.up]) offer(select, names);
+    this.slice = sliceOf(verb, this.app.store.view, this.at());
+    if (!this.slice) return;
+    this.across.select.value = this.slice.across.name;
+    this.up.select.value = this.slice.up.name;
+    const line = this.slice.across === this.slice.up;
+    this.up.element.hidden = line;
+    this.grid.classList.toggle("lines", line);
+    this.follow.element.hidden = this.slice.held.length === 0;
+    this.rows = heldRows(this.slice, (name, value) => this.drag(name, value));
+    this.held.replaceChildren(...this.rows.map(({ element }) => element));
+    this.lacking.textContent = lackingText(verb);
+    this.choose(this.chosen);
+  }
+
+  /** Held adverbs come from the goal, or from where the slice was dragged. */
+  private at(): Readonly<Record<string, number>> {
+    const { goal } = this.app.store.view;
+    return this.follow.box.checked ? goal : { ...goal, ...this.place };
+  }
+
+  private turn(axes: { across?: string; up?: string }): void {
+    const { slice } = this;
+    if (!slice) return;
+    const next = { across: slice.across.name, up: slice.up.name, ...axes };
+    if (next.across === next.up) Object.assign(next, { across: slice.up.name, up: slice.across.name });
+    this.app.store.change(next);
+  }
+
+  private drag(name: string, value: number): void {
+    const { store } = this.app;
+    this.place = { ...this.place, [name]: value };
+    if (this.follow.box.checked) store.change({ goal: { ...store.view.goal, [name]: value } });
+    else this.moved();
+  }
+
+  private moved(): void {
+    const { verb } = this;
+    if (!verb) return;
+    this.slice = sliceOf(verb, this.app.store.view, this.at());
+    if (!this.slice) return;
+    if (this.follow.box.checked)
+      this.place = Object.fromEntries(this.slice.held.map(([{ name }, value]) => [name, value]));
+    this.slice.held.forEach(([, value], k) => {
+      this.rows[k]?.show(value);
+    });
+    this.asking.ask();
+    this.draw();
+  }
+
+  /** Maps of these methods; beside another version each is there twice. */
+  private choose(methods: readonly string[]): void {
+    const { verb } = this;
+    if (!verb) return;
+    kept.set(verb.name, methods);
+    this.methods.replaceChildren(...verb.methods.map((method) => this.chip(method, methods)));
+    const { against } = this.app.store.view;
+    const others = against.kind === "version" && against.version !== verb.version ? [against.version] : [];
+    const versions = [null, ...others];
+    const wanted = methods.flatMap((method) => versions.map((version) => ({ method, version })));
+    const before = this.cells;
+    this.cells = wanted.map(({ method, version }) => {
+      const known = before.find((cell) => cell.method === method && cell.version === version);
+      return known ?? this.cell(method, version);
+    });
+    for (const cell of before) if (!this.cells.includes(cell)) drop(cell);
+    this.grid.replaceChildren(...this.cells.map(({ map }) => map.element));
+    this.ask();
+    this.draw();
+  }
+
+  private chip(method: string, chosen: readonly string[]): HTMLElement {
+    const on = chosen.includes(method);
+    const others = on ? chosen.filter((each) => each !== method) : [...chosen, method];
+    const ordered = this.verb?.methods.filter((each) => others.includes(each)) ?? [];
+    const onclick = () => ordered.length > 0 && this.choose(ordered);
+    return h("button", { type: "button", className: "chip", "aria-pressed": String(on), onclick }, methodName(method));
+  }
+
+  private cell(method: string, version: number | null): Cell {
+    const map = new QualityMap({ point: (place) => this.point(place), choose: (place) => this.aim(place) });
+    const source = new Latest<Quality>(
+      (path, signal) => this.app.rest.json(path, { signal }),
+      (answer) => {
+        cell.problem = "problem" in answer ? textOf(answer.problem) : "";
+        cell.quality = "value" in answer ? answer.value : null;
+        this.draw();
+      },
+    );
+    const cell: Cell = { method, version, map, source, quality: null, problem: "" };
+    return cell;
+  }
+
+  private ask(): void {
+    const { verb, slice } = this;
+    if (!verb || !slice) return;
+    const shape = JSON.stringify([verb.name, verb.version, slice.across.name, slice.up.name]);
+    const other = shape !== this.shape;
+    this.shape = shape;
+    for (const cell of this.cells) {
+      if (other) cell.quality = null;
+      cell.source.want(qualityPath(verb.name, slice, cell.method, cell.version ?? verb.version), other);
+    }
+    this.draw();
+  }
+
+  private point(place: Place | null): void {
+    this.pointed = place;
+    this.draw();
+  }
+
+  private aim([across, up]: Place): void {
+    const { slice, app } = this;
+    if (!slice) return;
+    const held = slice.held.map(([{ name }, value]) => [name, value]);
+    const values = [...held, [slice.across.name, across], ...(slice.up === slice.across ? [] : [[slice.up.name, up]])];
+    const rounded = values.map(([name, value]) => [name, Number(Number(value).toFixed(4))]);
+    app.store.change({ goal: { ...app.store.view.goal, ...Object.fromEntries(rounded) } });
+  }
+
+  /** Everything that is seen, once per frame at most. */
+  private draw(): void {
+    cancelAnimationFrame(this.frame);
+    this.frame = requestAnimationFrame(() => this.paint());
+  }
+
+  private paint(): void {
+    const { verb, slice } = this;
+    const { view } = this.app.store;
+    if (!verb || !slice) return;
+    for (const button of this.kinds.children) button.ariaPressed = String(button.getAttribute("data-map") === view.map);
+    const known = this.cells.flatMap(({ quality }) => quality ?? []);
+    const most = Math.max(FINEST, ...known.map(({ error_max }) => error_max ?? 0));
+    const unit = errorUnit(verb.measure.unit, most);
+    const errors = linearScale(most * unit.factor);
+    const scale: Scale =
+      view.map === "error"
+        ? { ...errors, at: (value) => errors.at(value * unit.factor) }
+        : logScale(known.flatMap(({ smoothness }) => smoothness.flat().filter((value) => value !== null)));
+    this.legend(view.map, scale, unit);
+    const none = view.map === "error" && verb.measure.kind === "none";
+    this.caption.parentElement?.toggleAttribute("hidden", none);
+    const common = this.common(verb, slice, view, scale);
+    for (const cell of this.cells) cell.map.draw({ ...common, ...pictureOf(cell, view.map, unit) });
+    this.tell(slice, view.map, unit);
+  }
+
+  private common(verb: Verb, slice: Slice, view: View, scale: Scale) {
+    const { [slice.across.name]: across, [slice.up.name]: up } = view.goal;
+    const through = slice.held.every(([adverb, value]) => {
+      return Math.abs((view.goal[adverb.name] ?? value) - value) <= (adverb.max - adverb.min) / 200;
+    });
+    return {
+      key: view.map,
+      scale,
+      slice,
+      dots: near(slice, verb.examples),
+      pseudo: view.pseudo ? near(slice, verb.pseudo_examples) : [],
+      goal: across === undefined || up === undefined ? null : ([across, up] as const),
+      through,
+      pointed: this.pointed,
+    };
+  }
+
+  private legend(map: View["map"], scale: Scale, unit: Unit): void {
+    this.caption.textContent = map === "error" ? `Error, ${unit.text}` : `κ of the weights, ${NODES} nodes to a side`;
+    const words = scale.ticks.map((tick) => (map === "error" ? digits(tick, 0) : kappa(tick)));
+    this.ticks.replaceChildren(...words.map((word) => h("span", {}, word)));
+  }
+
+  /** What lies under the pointer, by all methods. */
+  private tell(slice: Slice, key: View["map"], unit: Unit): void {
+    const { pointed } = this;
+    const axes = slice.across === slice.up ? [slice.across] : [slice.across, slice.up];
+    if (!pointed) {
+      this.said.textContent = axes.map((adverb, k) => axisText(k === 0 ? "→" : "↑", adverb)).join("   ");
+      return;
+    }
+    const place = axes.map(({ name }, k) => `${name} ${digits(pointed[k] ?? Number.NaN)}`).join(", ");
+    const values = this.cells.map((cell) => {
+      const value = cell.quality && lookUp(cell.quality, key, ...pointed);
+      return `${titleOf(cell)} ${value === null ? "–" : key === "error" ? inUnit(value, unit) : kappa(value)}`;
+    });
+    this.said.textContent = `${place}: ${values.join(" · ")}`;
+  }
+}
+
+function inUnit(value: number, { text, factor }: Unit): string {
+  return `${digits(value * factor)} ${text}`;
+}
+
+const MAPS = [
+  ["error", "Error"],
+  ["smoothness", "Smoothness κ"],
+] as const;
+
+function drop(cell: Cell): void {
+  cell.source.stop();
+  cell.map.dispose();
+}
+
+function titleOf({ method, version }: Pick<Cell, "method" | "version">): string {
+  return version === null ? methodName(method) : `${methodName(method)}, version ${version}`;
+}
+
+function pictureOf(
+  cell: Cell,
+  key: View["map"],
+  unit: Unit,
+): Pick<Picture, "title" | "figures" | "problem" | "late" | "quality"> {
+  const { quality, problem } = cell;
+  const [mean, max] = [quality?.[`${key}_mean`] ?? null, quality?.[`${key}_max`] ?? null];
+  const text = (value: number | null) => (key === "error" ? digits((value ?? Number.NaN) * unit.factor) : kappa(value));
+  const none = key === "error" ? "nothing is measured here" : "no node has all its neighbours inside";
+  const after = key === "error" ? ` ${unit.text}` : "";
+  const figures = !quality ? "measuring…" : mean === null ? none : `mean ${text(mean)}, max ${text(max)}${after}`;
+  return {
+    title: titleOf(cell),
+    figures: problem || figures,
+    problem: problem !== "",
+    late: cell.source.late,
+    quality,
+  };
+}
+
+function axisText(arrow: string, { name, min, max, unit }: Slice["across"]): string {
+  return `${arrow} ${name} ${digits(min)} to ${digits(max)} ${unit}`;
+}
+
+/** Why some methods are not offered. */
+function lackingText({ methods, measure }: Verb): string {
+  const lacks = (...names: string[]) => names.filter((name) => !methods.includes(name)).map(methodName);
+  if (measure.kind === "none")
+    return `${lacks("search", "hybrid", "corrected").join(", ")}: not here, since nothing is measured on this verb.`;
+  const waiting = lacks("refined", "hybrid");
+  return waiting.length > 0 ? `${waiting.join(", ")}: after a refinement, which places pseudo-examples.` : "";
+}

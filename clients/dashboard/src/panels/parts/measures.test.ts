@@ -1,0 +1,42 @@
+import { expect, test } from "vitest";
+import { between, scrapeOf } from "./measures";
+
+function text(seconds: number): string {
+  const quick = 'adverb_request_duration_seconds_bucket{le="0.01",method="none",route="/v1/verbs",verb="none"}';
+  const endless = 'adverb_request_duration_seconds_bucket{le="0.01",route="/v1/refinements/{id}/events",verb="none"}';
+  return `
+${quick} ${4 * seconds}
+${quick.replace("0.01", "+Inf")} ${4 * seconds}
+${endless} 0
+${endless.replace("0.01", "+Inf")} ${7 * seconds}
+adverb_stream_frames_total ${60 * seconds}
+adverb_stream_frames_dropped_total ${seconds}
+adverb_poses_total{method="rbf",verb="reach"} ${120 * seconds}
+adverb_poses_total{method="corrected",verb="arm3"} ${30 * seconds}
+adverb_streams 2
+adverb_channels 5
+adverb_pose_error_meters_bucket{le="+Inf",method="rbf",verb="reach",version="1"} ${10 * seconds}
+adverb_pose_error_meters_sum{method="rbf",verb="reach",version="1"} ${2 * seconds}
+adverb_pose_error_meters_bucket{le="+Inf",method="rbf",verb="arm3",version="1"} 3
+adverb_pose_error_meters_sum{method="rbf",verb="arm3",version="1"} 9
+`;
+}
+
+const measures = between(scrapeOf(text(10), 100), scrapeOf(text(12), 102));
+
+test("counters become rates, gauges stay", () => {
+  expect(measures).toMatchObject({ framesPerS: 60, droppedPerS: 1, posesPerS: 150, streams: 2, characters: 5 });
+});
+
+test("requests that are followed for long are no latency", () => {
+  expect(measures.requests).toEqual([0.005, expect.closeTo(0.0095), expect.closeTo(0.0099)]);
+});
+
+test("the error of a verb is the mean of what came since; none where nothing came", () => {
+  expect(measures.errors.get("reach")).toBeCloseTo(0.2);
+  expect(measures.errors.get("arm3")).toBeNaN();
+});
+
+test("a server that was started anew has no negative rates", () => {
+  expect(between(scrapeOf(text(12), 100), scrapeOf(text(1), 102)).framesPerS).toBe(0);
+});

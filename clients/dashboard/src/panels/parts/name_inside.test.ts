@@ -1,0 +1,87 @@
+import { readFileSync } from "node:fs";
+import { deflateRawSync } from "node:zlib";
+import { describe, expect, test } from "vitest";
+import { nameInside } from "./name_inside";
+
+interface Member {
+  path: string;
+  text: string;
+  packed?: boolean;
+}
+
+/** A zip; checksums are left out, since nothing here looks at them. */
+function zip(members: readonly Member[], comment = ""): Blob {
+  const parts: Buffer[] = [];
+  const directory: Buffer[] = [];
+  let at = 0;
+  for (const { path, text, packed = false } of members) {
+    const name = Buffer.from(path);
+    const full = Buffer.from(text);
+    const bytes = packed ? deflateRawSync(full) : full;
+    const shared = Buffer.alloc(26);
+    shared.writeUInt16LE(packed ? 8 : 0, 4);
+    shared.writeUInt32LE(bytes.length, 14);
+    shared.writeUInt32LE(full.length, 18);
+    shared.writeUInt16LE(name.length, 22);
+    const end = Buffer.alloc(14);
+    end.writeUInt32LE(at, 10);
+    directory.push(Buffer.from("PK\x01\x02\x14\x00"), shared, end, name);
+    const local = Buffer.concat([Buffer.from("PK\x03\x04"), shared, name, bytes]);
+    parts.push(local);
+    at += local.length;
+  }
+  const size = directory.reduce((sum, { length }) => sum + length, 0);
+  const tail = Buffer.alloc(22);
+  tail.write("PK\x05\x06", "latin1");
+  tail.writeUInt32LE(size, 12);
+  tail.writeUInt32LE(at, 16);
+  tail.writeUInt16LE(comment.length, 20);
+  return new Blob([Buffer.concat([...parts, ...directory, tail, Buffer.from(comment)])]);
+}
+
+const TOML = '# a verb\nname = "punch"\nfps = 30.0\n\n[[adverb]]\nname = "x"\n';
+
+describe("a zip", () => {
+  test.each([true, false])("names its verb, be it packed: %s", async (packed) => {
+    const members = [
+      { path: "punch/low.bvh", text: "HIERARCHY", packed },
+      { path: "punch/verb.toml", text: TOML, packed },
+    ];
+    expect(await nameInside(zip(members))).toBe("punch");
+  });
+
+  test("names it with a comment behind it, and without a folder", async () => {
+    expect(await nameInside(zip([{ path: "verb.toml", text: TOML }], "made by hand"))).toBe("punch");
+  });
+
+  test("an archiver's own entries are no source", async () => {
+    const members = [
+      { path: "__MACOSX/verb.toml", text: 'name = "wrong"' },
+      { path: "a/verb.toml", text: "name = 'kick'" },
+    ];
+    expect(await nameInside(zip(members))).toBe("kick");
+  });
+
+  test("an adverb's name is not the verb's", async () => {
+    expect(await nameInside(zip([{ path: "verb.toml", text: '[[adverb]]\nname = "x"\n' }]))).toBeNull();
+  });
+
+  test("without a verb.toml, or cut off, it names none", async () => {
+    const whole = zip([{ path: "walk.bvh", text: "HIERARCHY" }]);
+    expect(await nameInside(whole)).toBeNull();
+    expect(await nameInside(whole.slice(0, whole.size - 30))).toBeNull();
+  });
+});
+
+describe("an artifact", () => {
+  test("names its verb", async () => {
+    const bytes = readFileSync(new URL("../../../../../verbs/library/arm3.verb", import.meta.url));
+    expect(await nameInside(new Blob([bytes]))).toBe("arm3");
+  });
+
+  test("what is none names none", async () => {
+    const endless = Buffer.alloc(64, 0xff);
+    expect(await nameInside(new Blob([endless]))).toBeNull();
+    expect(await nameInside(new Blob(["junk"]))).toBeNull();
+  });
+});

@@ -1,0 +1,12 @@
+/** Where the verb is right and wrong, and what makes it better. */
+
+import type { App } from "../contracts";
+import { Life } from "./parts/life";
+import { Maps } from "./parts/maps";
+import { Refinements } from "./parts/refinements";
+
+export function mount(host: HTMLElement, app: App): () => void {
+  const life = new Life();
+  host.append(new Maps(app, life).element, new Refinements(app, life).element);
+  return () => life.end();
+}

@@ -1,0 +1,44 @@
+import { headingOf } from "./fk";
+
+/** How fast the heading that is drawn runs after the hips, 1/s: slower than they sway in a stride. */
+const TURN_RATE = 2.5;
+
+/** Where the character stands from which a carried goal counts: x, z (m), heading (rad). */
+export class Carried {
+  x = 0;
+  z = 0;
+  heading = 0;
+  #phase = -1;
+  #startHeading = 0;
+  #last: readonly [number, number, number] = [0, 0, 0];
+
+  reset(): void {
+    [this.x, this.z, this.heading, this.#phase] = [0, 0, 0, -1];
+    [this.#startHeading, this.#last] = [0, [0, 0, 0]];
+  }
+
+  /** A jump is counted from where it began: a motion that starts over without going back began where the last ended. */
+  jumps(phase: number, root: Float32Array, turns: Float32Array): void {
+    const now = [root[0] as number, root[2] as number, headingOf(turns, 0)] as const;
+    if (this.#phase < 0) this.#startHeading = phase < 0.05 ? now[2] : 0;
+    const near = Math.hypot(now[0] - this.#last[0], now[1] - this.#last[1]) < 0.25;
+    if (this.#phase > 0.8 && phase < 0.2) {
+      [this.x, this.z, this.heading] = near
+        ? [this.#last[0], this.#last[1], this.#last[2] - this.#startHeading]
+        : [0, 0, 0];
+    }
+    [this.#phase, this.#last] = [phase, now];
+  }
+
+  /** A stride is counted from under the root, along the way that it faces on the mean. Whether it still turns. */
+  strides(root: Float32Array, turns: Float32Array, delta_s: number): boolean {
+    [this.x, this.z] = [root[0] as number, root[2] as number];
+    const whole = 2 * Math.PI;
+    const away = headingOf(turns, 0) - this.heading;
+    const step = away - whole * Math.round(away / whole);
+    const first = this.#phase < 0;
+    this.#phase = 0;
+    this.heading += first ? step : step * (1 - Math.exp(-TURN_RATE * delta_s));
+    return !first && Math.abs(step) > 0.01;
+  }
+}

@@ -1,0 +1,132 @@
+import {
+  BufferGeometry,
+  DoubleSide,
+  Float32BufferAttribute,
+  Group,
+  LineBasicMaterial,
+  LineSegments,
+  Mesh,
+  PlaneGeometry,
+  ShaderMaterial,
+  ShadowMaterial,
+  Vector2,
+} from "three";
+import type { Palette } from "./palette";
+
+const VERTEX = `
+uniform float reach;
+varying vec2 place;
+void main() {
+  place = position.xy * 2.0 * reach;
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+
+/** Lines every 0.1 m and 1 m, as wide as a pixel wherever they are; fine ones go where they would blur. */
+const FRAGMENT = `
+uniform vec3 tint;
+uniform float strength;
+uniform float reach;
+uniform vec2 middle;
+varying vec2 place;
+float lines(vec2 at, float step) {
+  vec2 cell = at / step;
+  vec2 width = fwidth(cell);
+  vec2 near = abs(fract(cell - 0.5) - 0.5) / max(width, vec2(1e-5));
+  vec2 line = 1.0 - min(near, vec2(1.0));
+  line *= 1.0 - smoothstep(vec2(0.15), vec2(0.45), width);
+  return max(line.x, line.y);
+}
+void main() {
+  vec2 at = place + middle;
+  float away = length(place) / reach;
+  float fade = 1.0 - smoothstep(0.25, 1.0, away);
+  float near = 1.0 - smoothstep(0.1, 0.5, away);
+  float line = max(0.75 * lines(at, 1.0), 0.26 * near * lines(at, 0.1));
+  gl_FragColor = vec4(tint, strength * fade * line);
+  #include <colorspace_fragment>
+}`;
+
+/** The ground lies lower than y = 0 by this: feet of real capture go through it by a few millimetres. */
+const SUNK_M = 0.004;
+
+/** The plane that measures lengths: the ground, or the wall behind an arm that moves in a plane. */
+export class Ground {
+  readonly group = new Group();
+  readonly #uniforms = {
+    tint: { value: { r: 0, g: 0, b: 0 } },
+    strength: { value: 0.5 },
+    reach: { value: 6 },
+    middle: { value: new Vector2() },
+  };
+  readonly #grid: Mesh<PlaneGeometry, ShaderMaterial>;
+  readonly #shade: Mesh<PlaneGeometry, ShadowMaterial>;
+  readonly #bar: LineSegments<BufferGeometry, LineBasicMaterial>;
+  #wall = false;
+
+  constructor() {
+    const plane = new PlaneGeometry(1, 1);
+    this.#grid = new Mesh(
+      plane,
+      new ShaderMaterial({
+        uniforms: this.#uniforms,
+        vertexShader: VERTEX,
+        fragmentShader: FRAGMENT,
+        transparent: true,
+        depthWrite: false,
+        side: DoubleSide,
+      }),
+    );
+    this.#shade = new Mesh(plane, new ShadowMaterial({ transparent: true, depthWrite: false }));
+    this.#shade.receiveShadow = true;
+    const bar = new BufferGeometry();
+    const tick = 0.025;
+    const ends = [0, 0, 0, 1, 0, 0, 0, -tick, 0, 0, tick, 0, 1, -tick, 0, 1, tick, 0];
+    bar.setAttribute("position", new Float32BufferAttribute(ends, 3));
+    this.#bar = new LineSegments(bar, new LineBasicMaterial());
+    this.#grid.renderOrder = -2;
+    this.#shade.renderOrder = -1;
+    this.group.add(this.#grid, this.#shade, this.#bar);
+  }
+
+  /** Lie on y = 0, or stand at z = `back` as a wall; lines reach `size` metres. */
+  lay(wall: boolean, back: number, size: number): void {
+    this.#wall = wall;
+    this.group.rotation.x = wall ? 0 : -Math.PI / 2;
+    this.group.position.set(0, wall ? 0 : -SUNK_M, wall ? back : 0);
+    this.#uniforms.reach.value = size;
+    this.#grid.scale.set(2 * size, 2 * size, 1);
+    this.#shade.scale.set(4 * size, 4 * size, 1);
+  }
+
+  /** Keep the lines where they are in the world, and their middle at what is looked at. */
+  centre(x: number, y: number, z: number): void {
+    const [u, v] = this.#wall ? [x, y] : [x, -z];
+    this.#grid.position.set(u, v, 0);
+    this.#shade.position.set(u, v, 0);
+    this.#uniforms.middle.value.set(u, v);
+  }
+
+  /** Put the left end of the 1 m bar at a place of the plane: x and z on the ground, x and y on the wall. */
+  putBar(u: number, v: number): void {
+    this.#bar.position.set(u, this.#wall ? v : -v, 0.002);
+  }
+
+  get bar(): LineSegments {
+    return this.#bar;
+  }
+
+  setPalette(palette: Palette): void {
+    this.#uniforms.tint.value = palette.line;
+    this.#uniforms.strength.value = palette.dark ? 0.62 : 0.55;
+    this.#shade.material.opacity = palette.shadow;
+    this.#bar.material.color.copy(palette.line);
+  }
+
+  dispose(): void {
+    this.#grid.geometry.dispose();
+    this.#grid.material.dispose();
+    this.#shade.material.dispose();
+    this.#bar.geometry.dispose();
+    this.#bar.material.dispose();
+  }
+}

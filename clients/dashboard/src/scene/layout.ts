@@ -1,0 +1,95 @@
+import type { Verb } from "../contracts";
+import { type Anatomy, isChain } from "./anatomy";
+import type { Frame } from "./camera";
+import { hinge } from "./creature";
+import type { Rows } from "./figures";
+import { standing } from "./figures";
+import { add, box, sub, type V3, ZERO } from "./vec";
+
+/** How a verb's characters, its ground and its crowd are laid out. */
+export interface Layout {
+  /** Whether it moves in an upright plane, before a wall instead of on the ground. */
+  readonly wall: boolean;
+  /** Where that wall stands, z in m. */
+  readonly back: number;
+  readonly rows: Rows;
+  /** Left end of the 1 m bar on the plane. */
+  readonly bar: readonly [number, number];
+  frame(count: number): Frame;
+  /** How far lines go, and how far around light falls, m. */
+  reach(count: number): number;
+  radius(count: number): number;
+  /** Middle of a crowd, from its first character. */
+  crowd(count: number): { x: number; y: number; z: number };
+}
+
+/** Places at rest, put on the ground: the lowest at y = 0. */
+function atRest(anatomy: Anatomy, wall: boolean): V3[] {
+  const tips = anatomy.places.flatMap((place, j) => (anatomy.tips[j] ?? []).map((tip) => add(place, tip)));
+  const all = [...anatomy.places, ...tips];
+  const low = wall ? 0 : Math.min(...all.map((p) => p[1]));
+  return all.map((p) => [p[0], p[1] - low, p[2]]);
+}
+
+/** From which side a verb is looked at: in front, on the side of the hand or foot that is steered. */
+function view(anatomy: Anatomy, verb: Verb, wall: boolean): V3 {
+  if (wall) return [-0.2, 0.12, 1];
+  if (verb.measure.kind === "jump") return [-1, 0.42, 0.8];
+  const effector = verb.skeleton.names.indexOf(verb.measure.effector ?? "");
+  const left = (anatomy.places[effector]?.[0] ?? -1) > 0;
+  return [left ? 0.72 : -0.72, 0.26, 1];
+}
+
+/** The box around where the characters of a crowd stand; kept until there are more or fewer. */
+function spreading(rows: Rows): (count: number) => { centre: V3; half: V3 } {
+  let known = { count: 1, box: box([ZERO]) };
+  return (count) => {
+    if (count !== known.count) {
+      const at = new Float32Array(3);
+      const places = Array.from({ length: Math.max(count, 1) }, (_, k): V3 => {
+        standing(k, count, rows, at);
+        return [at[0] as number, at[1] as number, at[2] as number];
+      });
+      known = { count, box: box(places) };
+    }
+    return known.box;
+  };
+}
+
+export function layoutOf(anatomy: Anatomy, verb: Verb, marked: readonly V3[]): Layout {
+  const wall = isChain(anatomy) && Math.abs(hinge(anatomy)[2]) > 0.9;
+  const rest = atRest(anatomy, wall);
+  const around: V3[] = wall ? [] : rest.map(([x, y, z]) => [0.55 * x, y, z]);
+  const whole = box([...(wall ? rest : around), ...marked]);
+  const body = box(rest);
+  const extent = 2 * Math.max(...body.half, 0.1);
+  const gap = 0.8 * extent;
+  const rows: Rows = wall
+    ? { side: [1.3 * extent, 0, 0], back: [0, 1.1 * extent, 0] }
+    : { side: [gap, 0, 0], back: [0, 0, -gap] };
+  const spread = spreading(rows);
+  const back = wall ? -0.08 * extent : 0;
+  const bar = wall
+    ? ([whole.centre[0] - 0.5, whole.centre[1] - whole.half[1] - 0.12] as const)
+    : ([-0.5, whole.half[2] + whole.centre[2] + 0.3] as const);
+  const ends = [bar[0], bar[0] + 1].map((u): V3 => (wall ? [u, bar[1], back] : [u, 0, bar[1]]));
+  const shown = [...(wall ? rest : around), ...marked, ...ends];
+  const from = view(anatomy, verb, wall);
+  return {
+    wall,
+    back,
+    rows,
+    bar,
+    frame: (count) => {
+      if (count <= 1) return { points: shown, from };
+      const { centre, half } = spread(count);
+      return { points: [sub(centre, half), add(centre, half)].flatMap((at) => shown.map((p) => add(p, at))), from };
+    },
+    reach: (count) => Math.max(6, 4 * extent) + 2 * Math.max(...spread(count).half),
+    radius: (count) => 0.95 * extent + Math.max(...spread(count).half) * 1.3,
+    crowd: (count) => {
+      const [x, y, z] = spread(count).centre;
+      return { x, y, z };
+    },
+  };
+}

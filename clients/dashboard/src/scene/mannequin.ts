@@ -1,0 +1,36 @@
+import { BufferAttribute, type BufferGeometry } from "three";
+import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
+import type { Skeleton } from "../contracts";
+import { anatomyOf, isChain, isHuman } from "./anatomy";
+import { human } from "./body";
+import { arm, creature } from "./creature";
+import type { Part } from "./parts";
+import { type Detail, shapeOf } from "./shapes";
+
+/** Brightness of the two materials; the colour itself is the figure's. */
+const TONES = { body: 1, joint: 0.34 } as const;
+
+/** What a mannequin on this skeleton is made of. */
+export function planOf(skeleton: Skeleton): readonly Part[] {
+  const anatomy = anatomyOf(skeleton);
+  if (isHuman(anatomy)) return human(anatomy);
+  return isChain(anatomy) ? arm(anatomy) : creature(anatomy);
+}
+
+/** One geometry per joint that carries something, in the joint's frame; tones are vertex colours. */
+export function mannequin(skeleton: Skeleton, detail: Detail): Map<number, BufferGeometry> {
+  const pieces = new Map<number, BufferGeometry[]>();
+  for (const part of planOf(skeleton)) {
+    if (part.fine && detail === "low") continue;
+    const shape = shapeOf(part, detail);
+    const tone = new Float32Array(3 * shape.getAttribute("position").count).fill(TONES[part.tone]);
+    shape.setAttribute("color", new BufferAttribute(tone, 3));
+    pieces.set(part.joint, [...(pieces.get(part.joint) ?? []), shape]);
+  }
+  const whole = new Map<number, BufferGeometry>();
+  for (const [joint, shapes] of pieces) {
+    whole.set(joint, mergeGeometries(shapes));
+    for (const shape of shapes) shape.dispose();
+  }
+  return whole;
+}

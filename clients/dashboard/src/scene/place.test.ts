@@ -1,0 +1,200 @@
+import fc from "fast-check";
+import { expect, test } from "vitest";
+import type { Verb } from "../contracts";
+import { AHEAD_S, arc, bounded, meet, type Place, path, placeOf } from "./place";
+import { add, cross, dot, length, scale, sub, unit, type V3 } from "./vec";
+
+type Kind = "joint_position" | "jump" | "root_velocity" | "none";
+
+/** What of a verb says where its adverbs are. */
+function verb(kind: Kind, names: readonly string[], points: readonly (readonly [number[], V3 | null])[]): Verb {
+  return {
+    adverbs: names.map((name) => ({ name, unit: "m", min: -1, max: 1, style: false, description: "" })),
+    measure: { kind, adverbs: [...names], effector: null, keytime: null, unit: "m" },
+    examples: points.map(([numbers, point], k) => ({
+      name: `e${k}`,
+      adverbs: Object.fromEntries(names.map((name, i) => [name, numbers[i]])),
+      keytimes: [],
+      point,
+    })),
+    pseudo_examples: [],
+  } as unknown as Verb;
+}
+
+const CORNERS: readonly number[][] = [
+  [0, 0, 0],
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+  [1, 1, 0.5],
+];
+
+const number = fc.double({ min: -1, max: 1, noNaN: true });
+const vector = fc.tuple(number, number, number);
+
+function place(of: Verb): Place {
+  const found = placeOf(of);
+  if (!found) throw new Error("no place");
+  return found;
+}
+
+test("a sheet in space is found from the examples' points, and points of it lead back to their adverbs", () => {
+  fc.assert(
+    fc.property(vector, vector, vector, number, number, (origin, a, b, u, v) => {
+      fc.pre(length(cross(a, b)) > 0.05);
+      const at = (numbers: readonly number[]): V3 =>
+        add(origin, add(scale(a, numbers[0] as number), scale(b, numbers[1] as number)));
+      const sheet = place(
+        verb(
+          "joint_position",
+          ["u", "v"],
+          CORNERS.map((c) => [c, at(c)]),
+        ),
+      );
+      expect(sheet.kind).toBe("sheet");
+      const point = sheet.point({ u, v });
+      expect(length(sub(point, at([u, v])))).toBeLessThan(1e-9);
+      expect(dot(sheet.plane?.normal as V3, a)).toBeCloseTo(0, 9);
+      const back = sheet.adverbs(point, { u: 9, v: 9, tired: 0.3 });
+      expect(back.u).toBeCloseTo(u, 6);
+      expect(back.v).toBeCloseTo(v, 6);
+      expect(back.tired).toBe(0.3);
+    }),
+  );
+});
+
+test("a goal off the sheet asks for the place on it that is nearest", () => {
+  const sheet = place(
+    verb(
+      "joint_position",
+      ["u", "v"],
+      CORNERS.map(([u = 0, v = 0]) => [
+        [u, v],
+        [u, v, 0],
+      ]),
+    ),
+  );
+  expect(sheet.adverbs([0.25, 0.5, 3], {})).toEqual({ u: expect.closeTo(0.25, 9), v: expect.closeTo(0.5, 9) });
+});
+
+test("three adverbs are a place in space, also where their axes are oblique", () => {
+  const at = ([a = 0, b = 0, c = 0]: readonly number[]): V3 => [a + 0.4 * b, 2 * c, b - 0.3 * a + 1];
+  const space = place(
+    verb(
+      "joint_position",
+      ["a", "b", "c"],
+      CORNERS.map((c) => [c, at(c)]),
+    ),
+  );
+  expect([space.kind, space.plane]).toEqual(["space", null]);
+  expect(space.adverbs(at([0.2, -0.7, 0.4]), {})).toEqual({
+    a: expect.closeTo(0.2, 6),
+    b: expect.closeTo(-0.7, 6),
+    c: expect.closeTo(0.4, 6),
+  });
+});
+
+test("adverbs that no affine map takes to the points within 5 mm are no place", () => {
+  const bulged = (by: number) =>
+    verb(
+      "joint_position",
+      ["u", "v"],
+      CORNERS.map(([u = 0, v = 0], k) => [
+        [u, v],
+        [u, v, k === 4 ? by : 0],
+      ]),
+    );
+  expect(placeOf(bulged(0.004))).not.toBeNull();
+  expect(placeOf(bulged(0.05))).toBeNull();
+});
+
+test("too few points, or points on one line, are no place", () => {
+  expect(
+    placeOf(
+      verb(
+        "joint_position",
+        ["u", "v"],
+        [
+          [
+            [0, 0],
+            [0, 0, 0],
+          ],
+          [
+            [1, 0],
+            [1, 0, 0],
+          ],
+        ],
+      ),
+    ),
+  ).toBeNull();
+  const line = [0, 1, 2, 3].map((t): [number[], V3] => [
+    [t, t],
+    [t, 0, 0],
+  ]);
+  expect(placeOf(verb("joint_position", ["u", "v"], line))).toBeNull();
+});
+
+test("without points only x, y and z are places", () => {
+  const unknown = CORNERS.map((c): [number[], null] => [c, null]);
+  expect(place(verb("joint_position", ["x", "y", "z"], unknown)).point({ x: 1, y: 2, z: 3 })).toEqual([1, 2, 3]);
+  expect(place(verb("joint_position", ["x", "y"], unknown)).point({ x: 1, y: 2 })).toEqual([1, 2, 0]);
+  expect(placeOf(verb("joint_position", ["u", "v"], unknown))).toBeNull();
+  expect(placeOf(verb("none", [], []))).toBeNull();
+});
+
+test("a jump lands at its distance, its direction counted from +Z toward +X; height stays", () => {
+  const names = ["distance", "direction", "height"];
+  const jump = place(verb("jump", names, []));
+  const [x, y, z] = jump.point({ distance: 2, direction: Math.PI / 2, height: 0.3 });
+  expect([x, y, z]).toEqual([expect.closeTo(2, 9), 0, expect.closeTo(0, 9)]);
+  expect(jump.adverbs([-1, 0, 0], { height: 0.3 })).toEqual({
+    distance: 1,
+    direction: expect.closeTo(-Math.PI / 2, 9),
+    height: 0.3,
+  });
+  expect(jump.adverbs([0, 0, 0.001], { direction: 0.7, height: 0 }).direction).toBe(0.7);
+});
+
+test("a jump's arc starts at the ground, rises by its height and lands on the goal", () => {
+  const names = ["distance", "direction", "height"];
+  const adverbs = { distance: 1.2, direction: 0.4, height: 0.35 };
+  const jump = place(verb("jump", names, []));
+  const points = arc(jump, names, adverbs, 10);
+  expect(Array.from(points.slice(0, 3))).toEqual([0, 0, 0]);
+  expect(points[5 * 3 + 1]).toBeCloseTo(0.35, 6);
+  expect(length(sub(Array.from(points.slice(30)) as unknown as V3, jump.point(adverbs)))).toBeLessThan(1e-6);
+});
+
+test("a velocity is an arrow: forward along +Z, sideways along +X; the turn stays", () => {
+  const names = ["forward_speed", "turn_rate", "sideways_speed"];
+  const arrow = place(verb("root_velocity", names, []));
+  const adverbs = { forward_speed: 1.5, turn_rate: 0.8, sideways_speed: -0.2 };
+  expect(arrow.point(adverbs)).toEqual([-0.2 * AHEAD_S, 0, 1.5 * AHEAD_S]);
+  expect(arrow.adverbs(arrow.point(adverbs), { ...adverbs, forward_speed: 0, sideways_speed: 0 })).toEqual(adverbs);
+});
+
+test("the way of a turning walk is the circle that its speeds ask for", () => {
+  const names = ["forward_speed", "turn_rate", "sideways_speed"];
+  const [speed, turn, steps] = [2, 1.5, 400];
+  const points = path(names, { forward_speed: speed, turn_rate: turn, sideways_speed: 0 }, steps);
+  const radius = speed / turn;
+  for (let k = 0; k <= steps; k += 50) {
+    expect(Math.hypot((points[3 * k] as number) - radius, points[3 * k + 2] as number)).toBeCloseTo(radius, 4);
+  }
+  expect(points[3 * steps]).toBeCloseTo(radius * (1 - Math.cos(turn * AHEAD_S)), 4);
+});
+
+test("a goal that is dragged away stays within half a range of its bounds", () => {
+  const of = verb("joint_position", ["x", "y"], []);
+  expect(bounded(of, { x: 40, y: -1.2 })).toEqual({ x: 2, y: -1.2 });
+});
+
+test("a ray meets a plane only in front of it", () => {
+  expect(meet([0, 1, 0], unit([0, -1, 1]), [5, 0, 5], [0, 1, 0])).toEqual([
+    0,
+    expect.closeTo(0, 9),
+    expect.closeTo(1, 9),
+  ]);
+  expect(meet([0, 1, 0], [0, 1, 0], [0, 0, 0], [0, 1, 0])).toBeNull();
+  expect(meet([0, 1, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0])).toBeNull();
+});

@@ -1,0 +1,229 @@
+import type { Verb } from "../contracts";
+import { add, cross, dot, length, mean, scale, square, sub, unit, type V3, ZERO } from "./vec";
+
+export type Adverbs = Readonly<Record<string, number>>;
+
+/** A point that the server measured, beside the adverbs that it belongs to. */
+export interface Known {
+  readonly name: string;
+  readonly adverbs: Adverbs;
+  /** Place of the effector at its keytime, m; null where it is not known. */
+  readonly point: V3 | null;
+}
+
+/** Where adverbs are in space, and back. */
+export interface Place {
+  readonly kind: "space" | "sheet" | "jump" | "velocity";
+  /** Whether places are counted from where the character stands and faces, not from the verb's origin. */
+  readonly carried: boolean;
+  /** Adverbs that dragging changes. */
+  readonly names: readonly string[];
+  /** Plane in which the goal is dragged; null: all of space. */
+  readonly plane: { readonly normal: V3; readonly through: V3 } | null;
+  point(adverbs: Adverbs): V3;
+  /** The adverbs at a point; others keep what `now` says. */
+  adverbs(point: V3, now: Adverbs): Record<string, number>;
+}
+
+/** How far an affine map may miss a measured point before the goal is hidden, m. */
+const FIT_M = 0.005;
+
+/** Metres of arrow for each metre per second: where the character gets in this time, s. */
+export const AHEAD_S = 0.5;
+
+const value = (adverbs: Adverbs, name: string | undefined): number => adverbs[name ?? ""] ?? 0;
+
+/** An affine map from two or three adverbs to space: origin and one axis per adverb. */
+interface Affine {
+  readonly origin: V3;
+  readonly axes: readonly V3[];
+}
+
+const at = (map: Affine, numbers: readonly number[]): V3 =>
+  map.axes.reduce((point, axis, k) => add(point, scale(axis, numbers[k] as number)), map.origin);
+
+/** Solve a·x = b for a symmetric a of size 2 or 3, by Gauss with pivots; null where it is singular. */
+function solved(a: readonly (readonly number[])[], b: readonly number[]): number[] | null {
+  const rows = a.map((row, k) => [...row, b[k] as number]);
+  const size = rows.length;
+  for (let k = 0; k < size; k++) {
+    const pivot = rows.slice(k).reduce((best, row) => (Math.abs(row[k] ?? 0) > Math.abs(best[k] ?? 0) ? row : best));
+    rows.splice(rows.indexOf(pivot), 1);
+    rows.splice(k, 0, pivot);
+    const head = pivot[k] as number;
+    if (Math.abs(head) < 1e-9) return null;
+    for (let r = 0; r < size; r++) {
+      const row = rows[r] as number[];
+      const factor = r === k ? 0 : (row[k] as number) / head;
+      for (let c = k; c <= size; c++) row[c] = (row[c] as number) - factor * (pivot[c] as number);
+    }
+  }
+  return rows.map((row, k) => (row[size] as number) / (row[k] as number));
+}
+
+/** The affine map that fits measured points best, by least squares; null where they do not lie on one. */
+export function fitted(names: readonly string[], known: readonly Known[]): Affine | null {
+  const points = known.filter((one) => one.point !== null);
+  if (points.length <= names.length) return null;
+  const inputs = points.map((one) => names.map((name) => value(one.adverbs, name)));
+  const centre = names.map((_, k) => inputs.reduce((sum, row) => sum + (row[k] as number), 0) / inputs.length);
+  const rows = inputs.map((row) => row.map((x, k) => x - (centre[k] as number)));
+  const middle = mean(points.map((one) => one.point as V3));
+  const normal = names.map((_, i) =>
+    names.map((_, j) => rows.reduce((s, r) => s + (r[i] as number) * (r[j] as number), 0)),
+  );
+  const columns = [0, 1, 2].map((axis) => {
+    const side = names.map((_, i) =>
+      rows.reduce(
+        (s, r, k) => s + (r[i] as number) * ((points[k]?.point?.[axis] as number) - (middle[axis] as number)),
+        0,
+      ),
+    );
+    return solved(normal, side);
+  });
+  if (columns.some((column) => column === null)) return null;
+  const axes = names.map((_, k) => columns.map((column) => column?.[k]) as unknown as V3);
+  const origin = sub(middle, at({ origin: ZERO, axes }, centre));
+  const miss = Math.max(
+    ...points.map((one, k) => length(sub(at({ origin, axes }, inputs[k] as number[]), one.point as V3))),
+  );
+  return miss <= FIT_M ? { origin, axes } : null;
+}
+
+/** Without measured points: x, y and z are what their names say. */
+function named(names: readonly string[]): Affine | null {
+  const axes: Record<string, V3> = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
+  const chosen = names.map((name) => axes[name]);
+  return chosen.length > 1 && chosen.every((axis) => axis !== undefined)
+    ? { origin: ZERO, axes: chosen as V3[] }
+    : null;
+}
+
+function affine(names: readonly string[], map: Affine): Place {
+  const { axes, origin } = map;
+  const normal = axes.length === 2 ? unit(cross(axes[0] as V3, axes[1] as V3), [0, 0, 1]) : null;
+  const gram = axes.map((a) => axes.map((b) => dot(a, b)));
+  return {
+    kind: normal ? "sheet" : "space",
+    carried: false,
+    names,
+    plane: normal ? { normal, through: origin } : null,
+    point: (adverbs) =>
+      at(
+        map,
+        names.map((name) => value(adverbs, name)),
+      ),
+    adverbs: (point, now) => {
+      const numbers = solved(
+        gram,
+        axes.map((axis) => dot(axis, sub(point, origin))),
+      );
+      return { ...now, ...Object.fromEntries(names.map((name, k) => [name, numbers?.[k] ?? value(now, name)])) };
+    },
+  };
+}
+
+const GROUND = { normal: [0, 1, 0], through: ZERO } as const;
+
+/** Distance, direction from +Z toward +X, and height: where the jump lands; height is left to its slider. */
+function jump(names: readonly string[]): Place {
+  const [distance, direction] = names as [string, string];
+  return {
+    kind: "jump",
+    carried: true,
+    names: [distance, direction],
+    plane: GROUND,
+    point: (adverbs) => {
+      const [far, angle] = [value(adverbs, distance), value(adverbs, direction)];
+      return [far * Math.sin(angle), 0, far * Math.cos(angle)];
+    },
+    adverbs: ([x, , z], now) => {
+      const far = Math.hypot(x, z);
+      return { ...now, [distance]: far, [direction]: far > 0.02 ? Math.atan2(x, z) : value(now, direction) };
+    },
+  };
+}
+
+/** Forward speed and sideways speed (left): an arrow on the ground; the turn is left to its slider. */
+function velocity(names: readonly string[]): Place {
+  const [forward, , sideways] = names as [string, string, string];
+  return {
+    kind: "velocity",
+    carried: true,
+    names: [forward, sideways],
+    plane: GROUND,
+    point: (adverbs) => [value(adverbs, sideways) * AHEAD_S, 0, value(adverbs, forward) * AHEAD_S],
+    adverbs: ([x, , z], now) => ({ ...now, [forward]: z / AHEAD_S, [sideways]: x / AHEAD_S }),
+  };
+}
+
+/** Points along the way that a constant velocity and turn lead in `AHEAD_S`, from the origin, 3 numbers each. */
+export function path(names: readonly string[], adverbs: Adverbs, steps: number): Float32Array {
+  const [forward, turn, sideways] = names.map((name) => value(adverbs, name)) as [number, number, number];
+  const out = new Float32Array(3 * (steps + 1));
+  const time = AHEAD_S / steps;
+  for (let k = 0; k < steps; k++) {
+    const heading = turn * (k + 0.5) * time;
+    const [s, c] = [Math.sin(heading), Math.cos(heading)];
+    out[3 * k + 3] = (out[3 * k] as number) + (sideways * c + forward * s) * time;
+    out[3 * k + 5] = (out[3 * k + 2] as number) + (forward * c - sideways * s) * time;
+  }
+  return out;
+}
+
+/** Points of a jump's arc from the origin to its landing, 3 numbers each; it rises by the adverb `height`. */
+export function arc(place: Place, names: readonly string[], adverbs: Adverbs, steps: number): Float32Array {
+  const [[x, , z], high] = [place.point(adverbs), value(adverbs, names[2])];
+  const out = new Float32Array(3 * (steps + 1));
+  for (let k = 0; k <= steps; k++) {
+    const t = k / steps;
+    out.set([x * t, 4 * high * t * (1 - t), z * t], 3 * k);
+  }
+  return out;
+}
+
+const point = (said: readonly number[] | null): V3 | null => (said?.length === 3 ? (said as unknown as V3) : null);
+
+export function examplesOf(verb: Verb): Known[] {
+  return verb.examples.map((one) => ({ name: one.name, adverbs: one.adverbs, point: point(one.point) }));
+}
+
+export function pseudoOf(verb: Verb): Known[] {
+  return verb.pseudo_examples.map((one, k) => {
+    return { name: `Pseudo-example ${k + 1}`, adverbs: one.adverbs, point: point(one.point) };
+  });
+}
+
+/** Where a verb's measured adverbs are; null where they are no place. */
+export function placeOf(verb: Verb): Place | null {
+  const { kind, adverbs: names } = verb.measure;
+  if (kind === "jump" && names.length === 3) return jump(names);
+  if (kind === "root_velocity" && names.length === 3) return velocity(names);
+  if (kind !== "joint_position" || names.length < 2 || names.length > 3) return null;
+  const known = examplesOf(verb);
+  const map = known.some((one) => one.point) ? fitted(names, known) : named(names);
+  return map ? affine(names, map) : null;
+}
+
+/** Where a ray meets a plane; null where it runs along it or away from it. */
+export function meet(from: V3, way: V3, through: V3, normal: V3): V3 | null {
+  const slope = dot(way, normal);
+  if (Math.abs(slope) < 1e-6) return null;
+  const far = dot(sub(through, from), normal) / slope;
+  return far > 0 ? add(from, scale(way, far)) : null;
+}
+
+/** Two unit axes of a plane. */
+export function axesOf(normal: V3): readonly [V3, V3] {
+  const right = square(Math.abs(normal[1]) > 0.9 ? [1, 0, 0] : cross([0, 1, 0], normal), normal);
+  return [right, cross(normal, right)];
+}
+
+/** Adverbs no farther outside their ranges than half the range: a goal dragged along the horizon stays in reach. */
+export function bounded(verb: Verb, adverbs: Record<string, number>): Record<string, number> {
+  for (const { name, min, max } of verb.adverbs) {
+    const room = 0.5 * (max - min);
+    adverbs[name] = Math.min(Math.max(value(adverbs, name), min - room), max + room);
+  }
+  return adverbs;
+}

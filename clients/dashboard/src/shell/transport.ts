@@ -1,0 +1,174 @@
+/** The bar below the scene: play, scrub past the keytimes, hold at the one that matters, and how poses come. */
+
+import type { Page } from "../app";
+import type { Verb, View } from "../contracts";
+import { BOUNDS } from "../store";
+import { effectorPhase } from "../verb";
+import { choice, h, icon, offer, toggle } from "./dom";
+
+const PLAY = "M5 3.5 12.5 8 5 12.5z";
+const PAUSE = "M5.5 3.5v9M10.5 3.5v9";
+const SPEEDS = [-2, -1, -0.5, 0.25, 0.5, 1, 1.5, 2];
+const RATES = [10, 15, 24, 30, 60, 90, 120];
+
+export function transport(page: Page): HTMLElement {
+  return h(
+    "section",
+    { className: "transport", "aria-label": "Playing" },
+    playButton(page),
+    scrubber(page),
+    h("div", { className: "ways" }, holdButton(page), speed(page), loop(page), rate(page), encoding(page)),
+  );
+}
+
+function playButton(page: Page): HTMLElement {
+  const button = h("button", {
+    type: "button",
+    className: "play",
+    onclick: () => (page.store.view.playing ? page.pause() : page.play()),
+  });
+  const show = () => {
+    const { playing } = page.store.view;
+    button.replaceChildren(icon(playing ? PAUSE : PLAY));
+    button.ariaLabel = button.title = playing ? "Pause (space)" : "Play (space)";
+  };
+  page.store.on(["playing"], show);
+  show();
+  return button;
+}
+
+function scrubber(page: Page): HTMLElement {
+  const range = h("input", {
+    type: "range",
+    min: "0",
+    max: "1",
+    step: "0.001",
+    "aria-label": "Phase",
+    oninput: () => page.seek(Number(range.value)),
+  });
+  const marks = h("div", { className: "marks" });
+  const clock = h("output", { className: "clock", "aria-live": "off" }, "0.00 s");
+  const show = (phase: number) => {
+    range.value = String(phase);
+    range.style.setProperty("--done", String(phase));
+    range.ariaValueText = `phase ${phase.toFixed(2)}`;
+  };
+  page.on("verb", (verb) => marks.replaceChildren(...keytimeMarks(page, verb)));
+  page.on("frame", ({ phase, time_s, duration_s }) => {
+    if (page.store.view.playing || document.activeElement !== range) show(phase);
+    clock.textContent = `${time_s.toFixed(2)} / ${duration_s.toFixed(2)} s`;
+  });
+  return h("div", { className: "scrubber" }, h("div", { className: "track" }, range, marks), clock);
+}
+
+function keytimeMarks(page: Page, verb: Verb): HTMLElement[] {
+  const effector = effectorPhase(verb);
+  const { keytime_phases: phases } = verb;
+  const gap = (k: number) => Math.max(0, (phases[k] ?? 1) - (phases[k - 1] ?? 0));
+  return phases.map((phase, k) => {
+    const room = k === 0 ? gap(1) / 2 : k === phases.length - 1 ? gap(k) / 2 : Math.min(gap(k), gap(k + 1));
+    const name = verb.keytime_names[k] ?? `keytime ${k + 1}`;
+    return h(
+      "button",
+      {
+        type: "button",
+        className: phase === effector ? "mark effector" : "mark",
+        style: `--at: ${phase}; --room: ${room}`,
+        title: `Go to ${name} (phase ${phase.toFixed(2)})`,
+        onclick: () => page.seek(phase),
+      },
+      h("span", {}, name),
+    );
+  });
+}
+
+/** Stand at the instant that meets the goal, or say that the figure does so for the moment. */
+function holdButton(page: Page): HTMLElement {
+  const button = h("button", {
+    type: "button",
+    className: "hold",
+    onclick: () => {
+      const phase = page.verb && effectorPhase(page.verb);
+      if (phase === null) return;
+      if (standsAt(page.store.view, phase)) page.play();
+      else page.seek(phase);
+    },
+  });
+  const show = () => {
+    const { verb } = page;
+    const phase = verb && effectorPhase(verb);
+    button.hidden = phase === null;
+    if (!verb || phase === null) return;
+    const held = page.hold.phase !== null || standsAt(page.store.view, phase);
+    button.textContent = `${held ? "Held" : "Hold"} at ${verb.measure.keytime}`;
+    button.ariaPressed = String(held);
+    button.title = page.hold.phase === null ? "Stand where the goal is met" : "Plays on a second after the goal stops";
+  };
+  page.on("verb", show);
+  page.on("hold", show);
+  page.store.on(["playing", "phase"], show);
+  return button;
+}
+
+function standsAt({ playing, phase }: View, keytime: number): boolean {
+  return !playing && Math.abs(phase - keytime) < 1e-3;
+}
+
+function speed(page: Page): HTMLElement {
+  const options = (value: number) =>
+    [...new Set([...SPEEDS, value])]
+      .sort((a, b) => a - b)
+      .map((step) => [String(step), `${String(step).replace("-", "−")} ×`] as const);
+  const { element, select } = choice("Speed", options(1), (value) => page.store.change({ speed: Number(value) }));
+  const show = () => {
+    offer(select, options(page.store.view.speed));
+    select.value = String(page.store.view.speed);
+  };
+  page.store.on(["speed"], show);
+  show();
+  return element;
+}
+
+function loop(page: Page): HTMLElement {
+  const { element, box } = toggle("Loop", (on) => page.store.change({ loop: on }));
+  const show = () => {
+    box.checked = page.store.view.loop;
+  };
+  page.store.on(["loop"], show);
+  show();
+  return element;
+}
+
+function rate(page: Page): HTMLElement {
+  const [, most] = BOUNDS.fps;
+  const options = (value: number) =>
+    [...new Set([...RATES, value])]
+      .filter((fps) => fps <= most)
+      .sort((a, b) => a - b)
+      .map((fps) => [String(fps), `${fps} fps`] as const);
+  const { element, select } = choice("Poses", options(60), (value) => page.store.change({ fps: Number(value) }));
+  const show = () => {
+    offer(select, options(page.store.view.fps));
+    select.value = String(page.store.view.fps);
+  };
+  page.store.on(["fps"], show);
+  show();
+  return element;
+}
+
+function encoding(page: Page): HTMLElement {
+  const options = [
+    ["f32", "f32"],
+    ["q48", "q48"],
+  ] as const;
+  const { element, select } = choice("Encoding", options, (value) => {
+    page.store.change({ encoding: value === "q48" ? "q48" : "f32" });
+  });
+  element.title = "f32: full precision. q48: a third of the bytes, within 0.00015 rad.";
+  const show = () => {
+    select.value = page.store.view.encoding;
+  };
+  page.store.on(["encoding"], show);
+  show();
+  return element;
+}

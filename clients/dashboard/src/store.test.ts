@@ -1,0 +1,105 @@
+import fc from "fast-check";
+import { expect, test, vi } from "vitest";
+import type { Against, View } from "./contracts";
+import { createStore, DEFAULTS, readView, writeView } from "./store";
+
+const number = fc.double({ min: -1e9, max: 1e9, noNaN: true }).map((value) => value + 0); // no negative zero in a link
+const name = fc.string({ minLength: 1, maxLength: 40 });
+const against: fc.Arbitrary<Against> = fc.oneof(
+  fc.constant<Against>({ kind: "nothing" }),
+  name.map((method): Against => ({ kind: "method", method })),
+  fc.integer({ min: 1, max: 2 ** 32 - 1 }).map((version): Against => ({ kind: "version", version })),
+);
+const view: fc.Arbitrary<View> = fc.record<View>({
+  verb: fc.string({ maxLength: 40 }),
+  method: fc.string({ maxLength: 40 }),
+  goal: fc.dictionary(name, number, { maxKeys: 6, noNullPrototype: true }),
+  phase: fc.double({ min: 0, max: 1, noNaN: true }).map((value) => value + 0),
+  playing: fc.boolean(),
+  speed: fc.double({ min: -2, max: 2, noNaN: true }).map((value) => value + 0),
+  loop: fc.boolean(),
+  fps: fc.integer({ min: 1, max: 120 }),
+  encoding: fc.constantFrom("f32", "q48"),
+  crowd: fc.integer({ min: 1, max: 1000 }),
+  against,
+  hull: fc.boolean(),
+  examples: fc.boolean(),
+  pseudo: fc.boolean(),
+  follow: fc.boolean(),
+  detail: fc.constantFrom("high", "low"),
+  theme: fc.constantFrom("auto", "light", "dark"),
+  panel: fc.constantFrom("verb", "quality", "versions", "service", "add"),
+  camera: fc.option(fc.array(number, { minLength: 6, maxLength: 6 })),
+  across: fc.string({ maxLength: 40 }),
+  up: fc.string({ maxLength: 40 }),
+  map: fc.constantFrom("error", "smoothness"),
+});
+
+test("a link brings every view back", () => {
+  fc.assert(
+    fc.property(view, (wanted) => {
+      expect(readView(writeView(wanted))).toEqual(wanted);
+    }),
+    { numRuns: 300 },
+  );
+});
+
+test("every field changes the link, and what is as usual is left out", () => {
+  expect(writeView(DEFAULTS)).toBe("");
+  const other: View = {
+    ...{ verb: "kick", method: "rbf", goal: { x: 1 }, phase: 0.5, playing: false, speed: -1, loop: false, fps: 30 },
+    ...{ encoding: "q48", crowd: 2, against: { kind: "version", version: 3 }, hull: false, examples: false },
+    ...{ pseudo: true, follow: false, detail: "low", theme: "dark", panel: "add", camera: [1, 2, 3, 4, 5, 6] },
+    ...{ across: "x", up: "y", map: "smoothness" },
+  };
+  for (const key of Object.keys(DEFAULTS) as (keyof View)[]) {
+    const link = writeView({ ...DEFAULTS, [key]: other[key] });
+    expect(link, key).not.toBe("");
+    expect(readView(link)[key], key).toEqual(other[key]);
+  }
+});
+
+test.each([
+  ["fps=0", "fps"],
+  ["fps=1e9", "fps"],
+  ["fps=12.5", "fps"],
+  ["fps=", "fps"],
+  ["speed=NaN", "speed"],
+  ["speed=Infinity", "speed"],
+  ["phase=2", "phase"],
+  ["crowd=100000", "crowd"],
+  ["playing=maybe", "playing"],
+  ["encoding=weights", "encoding"],
+  ["against=method:", "against"],
+  ["against=version:-1", "against"],
+  ["camera=1,2,3", "camera"],
+  ["camera=1,2,3,4,5,x", "camera"],
+  [`verb=${"x".repeat(500)}`, "verb"],
+  ["at.x=left", "goal"],
+] as const)("'%s' falls back", (words, key) => {
+  expect(readView(`#${words}`)[key]).toEqual(DEFAULTS[key]);
+});
+
+test("any text at all is a view", () => {
+  fc.assert(
+    fc.property(fc.string({ maxLength: 200 }), (text) => {
+      const { goal, ...rest } = readView(text);
+      expect(Object.keys({ goal, ...rest }).sort()).toEqual(Object.keys(DEFAULTS).sort());
+    }),
+  );
+});
+
+test("listeners hear what they asked for, once per change, and only of changes", () => {
+  const store = createStore(DEFAULTS);
+  const heard = vi.fn();
+  const stop = store.on(["fps", "loop"], heard);
+  store.change({ fps: 60, goal: { x: 1 } });
+  expect(heard).not.toHaveBeenCalled();
+  store.change({ fps: 30, loop: false });
+  expect(heard).toHaveBeenCalledTimes(1);
+  expect(heard.mock.calls[0]?.map((each: View) => each.fps)).toEqual([30, 60]);
+  store.change({ goal: { x: 1 } });
+  stop();
+  store.change({ fps: 24 });
+  expect(heard).toHaveBeenCalledTimes(1);
+});

@@ -1,0 +1,33 @@
+/** Light or dark: as the view says, or as the system does. */
+
+import type { Store } from "./contracts";
+
+export class Colours {
+  private readonly system = matchMedia("(prefers-color-scheme: dark)");
+  private readonly listeners = new Set<(dark: boolean) => void>();
+
+  constructor(
+    private readonly store: Store,
+    private readonly root: HTMLElement,
+  ) {
+    store.on(["theme"], () => this.show());
+    this.system.addEventListener("change", () => this.show());
+    this.show();
+  }
+
+  get dark(): boolean {
+    const { theme } = this.store.view;
+    return theme === "auto" ? this.system.matches : theme === "dark";
+  }
+
+  /** Calls `then` now, and whenever it changes. */
+  on(then: (dark: boolean) => void): void {
+    this.listeners.add(then);
+    then(this.dark);
+  }
+
+  private show(): void {
+    this.root.dataset.theme = this.dark ? "dark" : "light";
+    for (const then of this.listeners) then(this.dark);
+  }
+}

@@ -1,0 +1,146 @@
+/** Pose messages and records as docs/wire.md describes them: read in place, checked against their bounds. */
+
+export const MESSAGE_HEAD_BYTES = 20;
+export const RECORD_HEAD_BYTES = 24;
+export const FLAGS = { clamped: 1, inTransition: 2, newVersion: 4, last: 8 } as const;
+
+const POSE_OP = 0x01;
+const ADVERBS_OP = 0x10;
+const WIRE_VERSION = 1;
+const ENCODINGS = ["f32", "q48", "weights"] as const;
+const UNIT = 1 / (16383 * Math.SQRT2);
+
+export type Encoding = (typeof ENCODINGS)[number];
+
+/** What arrived is no message that this page can read; `at` is the byte where that shows. */
+export class DecodeError extends Error {
+  override readonly name = "DecodeError";
+  constructor(
+    readonly at: number,
+    problem: string,
+  ) {
+    super(`byte ${at}: ${problem}`);
+  }
+}
+
+/** The layout of a channel's records, as `opened` tells it. */
+export interface Layout {
+  encoding: Encoding;
+  joints: number;
+  recordBytes: number;
+}
+
+export interface MessageHead {
+  records: number;
+  sequence: number;
+  /** When the tick was due, ms since 1970 on the server's clock; exact to a quarter of a microsecond. */
+  timeMs: number;
+  dropped: number;
+}
+
+export interface RecordHead {
+  channel: number;
+  flags: number;
+  version: number;
+  phase: number;
+  timeS: number;
+  /** NaN where nothing is measured. */
+  error: number;
+  durationS: number;
+}
+
+/** Numbers of a pose: root x, y, z, then x, y, z, w per joint. */
+export function poseLength(joints: number): number {
+  return 3 + 4 * joints;
+}
+
+export function layoutOf(encoding: Encoding, joints: number, recordBytes: number): Layout {
+  const least = RECORD_HEAD_BYTES + { f32: 12 + 16 * joints, q48: 12 + 6 * joints, weights: 4 }[encoding];
+  if (recordBytes < least || recordBytes % 4 !== 0)
+    throw new DecodeError(
+      0,
+      `records of ${joints} joints as ${encoding} have at least ${least} bytes, not ${recordBytes}`,
+    );
+  return { encoding, joints, recordBytes };
+}
+
+export function readMessageHead(view: DataView): MessageHead {
+  if (view.byteLength < MESSAGE_HEAD_BYTES)
+    throw new DecodeError(view.byteLength, `a pose message has at least ${MESSAGE_HEAD_BYTES} bytes`);
+  if (view.getUint8(0) !== POSE_OP) throw new DecodeError(0, `op ${view.getUint8(0)} is no pose message`);
+  if (view.getUint8(1) !== WIRE_VERSION)
+    throw new DecodeError(1, `wire version ${view.getUint8(1)} is not ${WIRE_VERSION}`);
+  return {
+    records: view.getUint16(2, true),
+    sequence: view.getUint32(4, true),
+    timeMs: (view.getUint32(12, true) * 2 ** 32) / 1e6 + view.getUint32(8, true) / 1e6,
+    dropped: view.getUint32(16, true),
+  };
+}
+
+/** Whose record stands at a byte: that tells its length. */
+export function readChannel(view: DataView, at: number): number {
+  if (at + RECORD_HEAD_BYTES > view.byteLength)
+    throw new DecodeError(view.byteLength, `a record is missing at byte ${at}`);
+  return view.getUint16(at, true);
+}
+
+/** Read the head of the record at a byte, and check that all of it is there and is encoded as the layout says. */
+export function readRecordHead(view: DataView, at: number, layout: Layout): RecordHead {
+  if (at + layout.recordBytes > view.byteLength)
+    throw new DecodeError(view.byteLength, `the record at byte ${at} needs ${layout.recordBytes} bytes`);
+  const encoding = ENCODINGS[view.getUint8(at + 2)];
+  if (encoding !== layout.encoding)
+    throw new DecodeError(at + 2, `encoding ${view.getUint8(at + 2)} where ${layout.encoding} was asked for`);
+  const head = {
+    channel: view.getUint16(at, true),
+    flags: view.getUint8(at + 3),
+    version: view.getUint32(at + 4, true),
+    phase: view.getFloat32(at + 8, true),
+    timeS: view.getFloat32(at + 12, true),
+    error: view.getFloat32(at + 16, true),
+    durationS: view.getFloat32(at + 20, true),
+  };
+  if (!Number.isFinite(head.phase + head.timeS + head.durationS)) throw new DecodeError(at + 8, "a time is not finite");
+  return head;
+}
+
+/** The pose of the record at a byte, whose head was read, into `out` from `offset` on. */
+export function readPose(view: DataView, at: number, layout: Layout, out: Float32Array, offset: number): void {
+  const start = at + RECORD_HEAD_BYTES;
+  const length = poseLength(layout.joints);
+  if (offset < 0 || offset + length > out.length)
+    throw new DecodeError(at, `a pose of ${length} numbers does not fit at ${offset} of ${out.length}`);
+  if (layout.encoding === "weights") throw new DecodeError(at + 2, "weights are no pose");
+  const plain = layout.encoding === "f32" ? length : 3;
+  for (let k = 0; k < plain; k++) out[offset + k] = view.getFloat32(start + 4 * k, true);
+  if (layout.encoding === "q48")
+    for (let j = 0; j < layout.joints; j++) readSmallestThree(view, start + 12 + 6 * j, out, offset + 3 + 4 * j);
+}
+
+/** One rotation of which the largest component was left out. */
+function readSmallestThree(view: DataView, at: number, out: Float32Array, offset: number): void {
+  const a = view.getUint16(at, true);
+  const b = view.getUint16(at + 2, true);
+  const c = view.getUint16(at + 4, true);
+  const missing = (a >> 15) | ((b >> 15) << 1);
+  const p = ((a & 0x7fff) - 16383) * UNIT;
+  const q = ((b & 0x7fff) - 16383) * UNIT;
+  const r = ((c & 0x7fff) - 16383) * UNIT;
+  const left = Math.sqrt(Math.max(0, 1 - p * p - q * q - r * r));
+  out[offset] = missing === 0 ? left : p;
+  out[offset + 1] = missing === 1 ? left : missing < 1 ? p : q;
+  out[offset + 2] = missing === 2 ? left : missing < 2 ? q : r;
+  out[offset + 3] = missing === 3 ? left : r;
+}
+
+/** The binary message that sets a channel's adverbs, in the order of the verb's. */
+export function writeAdverbs(channel: number, adverbs: readonly number[]): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(4 + 4 * adverbs.length));
+  view.setUint8(0, ADVERBS_OP);
+  view.setUint16(2, channel, true);
+  adverbs.forEach((value, k) => {
+    view.setFloat32(4 + 4 * k, value, true);
+  });
+  return view.buffer;
+}

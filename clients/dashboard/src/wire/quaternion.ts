@@ -1,0 +1,76 @@
+/** Unit quaternions x, y, z, w inside flat arrays: every function reads and writes at offsets, and allocates nothing. */
+
+export type Numbers = Float32Array | Float64Array | number[];
+
+/** Two rotations that differ by less than this cosine are blended along the chord: the arc is no longer to be told. */
+const NEARLY_ONE = 0.9995;
+
+/** out = a ∘ b: first b, then a. */
+export function multiply(out: Numbers, o: number, a: Readonly<Numbers>, i: number, b: Readonly<Numbers>, j: number) {
+  const [ax, ay, az, aw] = [a[i] as number, a[i + 1] as number, a[i + 2] as number, a[i + 3] as number];
+  const [bx, by, bz, bw] = [b[j] as number, b[j + 1] as number, b[j + 2] as number, b[j + 3] as number];
+  out[o] = aw * bx + ax * bw + ay * bz - az * by;
+  out[o + 1] = aw * by + ay * bw + az * bx - ax * bz;
+  out[o + 2] = aw * bz + az * bw + ax * by - ay * bx;
+  out[o + 3] = aw * bw - ax * bx - ay * by - az * bz;
+}
+
+/** out = the vector v, turned by q. */
+export function rotate(out: Numbers, o: number, q: Readonly<Numbers>, i: number, v: Readonly<Numbers>, j: number) {
+  const [x, y, z, w] = [q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number];
+  const [vx, vy, vz] = [v[j] as number, v[j + 1] as number, v[j + 2] as number];
+  const [tx, ty, tz] = [2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)];
+  out[o] = vx + w * tx + y * tz - z * ty;
+  out[o + 1] = vy + w * ty + z * tx - x * tz;
+  out[o + 2] = vz + w * tz + x * ty - y * tx;
+}
+
+/** Scale to length 1; what has no direction becomes no rotation. */
+export function normalize(q: Numbers, i: number) {
+  const length = Math.hypot(q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number);
+  if (!(length > 0)) {
+    q[i] = q[i + 1] = q[i + 2] = 0;
+    q[i + 3] = 1;
+    return;
+  }
+  for (let k = 0; k < 4; k++) q[i + k] = (q[i + k] as number) / length;
+}
+
+/**
+ * out = the rotation at `share` of the shorter way from a to b, at constant speed. A share above 1 goes on past b.
+ * The arrays may be the same.
+ */
+export function slerp(
+  out: Numbers,
+  o: number,
+  a: Readonly<Numbers>,
+  i: number,
+  b: Readonly<Numbers>,
+  j: number,
+  share: number,
+) {
+  const [ax, ay, az, aw] = [a[i] as number, a[i + 1] as number, a[i + 2] as number, a[i + 3] as number];
+  const [bx, by, bz, bw] = [b[j] as number, b[j + 1] as number, b[j + 2] as number, b[j + 3] as number];
+  const dot = ax * bx + ay * by + az * bz + aw * bw;
+  const near = Math.abs(dot);
+  let from = 1 - share;
+  let to = share;
+  if (near < NEARLY_ONE) {
+    const angle = Math.acos(near);
+    const sine = Math.sin(angle);
+    from = Math.sin(from * angle) / sine;
+    to = Math.sin(to * angle) / sine;
+  }
+  if (dot < 0) to = -to;
+  out[o] = from * ax + to * bx;
+  out[o + 1] = from * ay + to * by;
+  out[o + 2] = from * az + to * bz;
+  out[o + 3] = from * aw + to * bw;
+  normalize(out, o);
+}
+
+/** The turn about +Y that is in a rotation: where it takes the forward axis +Z, seen from above; rad. */
+export function heading(q: Readonly<Numbers>, i: number): number {
+  const [x, y, z, w] = [q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number];
+  return Math.atan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y));
+}

@@ -1,0 +1,140 @@
+"""A real server as its own process, and the page it gives, in a real browser."""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import httpx
+import pytest
+
+PROJECT = Path(__file__).parents[2]
+STATIC = PROJECT / "service" / "static" / "index.html"
+CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
+PATIENCE_S = 90.0
+
+FLAGS = [
+    *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"),
+]
+START = "from service.cli import main; main()"
+
+
+class Service:
+    """`adverb serve` on a port that it keeps when it is started again."""
+
+    def __init__(self, data: Path):
+        self.data = data
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = free.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.process = None
+
+    def start(self):
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", START, "serve", "--port", str(self.port), "--data", str(self.data)],
+            cwd=PROJECT,
+            env={**os.environ, "ADVERB_REFINERS": "1"},
+        )
+        end = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end:
+            with suppress(httpx.HTTPError):
+                if httpx.get(f"{self.url}/readyz", timeout=5).status_code == 200:
+                    return self
+            assert self.process.poll() is None, "the server ended"
+            time.sleep(0.1)
+        raise AssertionError("the server never became ready")
+
+    def kill(self):
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+            self.process = None
+
+    def stop(self):
+        if self.process is not None:
+            self.process.terminate()
+            self.process.wait(30)
+            self.process = None
+
+
+@pytest.fixture(scope="session")
+def built():
+    """The page is built by `make test` where npm is."""
+    if not STATIC.is_file():
+        pytest.skip("the dashboard is not built; `make dashboard` builds it where npm is")
+    return STATIC
+
+
+@pytest.fixture(scope="module")
+def service(built, tmp_path_factory):
+    served = Service(tmp_path_factory.mktemp("dashboard")).start()
+    yield served
+    served.stop()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine; Debian's package `chromium` has it")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield found
+        found.close()
+
+
+class Page:
+    """The page in one tab; what its console says ill of it fails the test."""
+
+    def __init__(self, tab, service):
+        self.tab, self.service, self.complaints = tab, service, []
+        tab.on("console", lambda message: message.type == "error" and self.complaints.append(message.text))
+        tab.on("pageerror", lambda error: self.complaints.append(str(error)))
+        tab.on("request", lambda request: self._own(request.url))
+
+    def _own(self, url):
+        if not url.startswith((self.service.url, f"ws://127.0.0.1:{self.service.port}", "blob:", "data:")):
+            self.complaints.append(f"asked elsewhere: {url}")
+
+    def open(self, **view):
+        """Open the page at a view, and wait for its first picture."""
+        query = "&".join(f"{name}={value}" for name, value in {"detail": "low", **view}.items())
+        self.tab.goto(f"{self.service.url}/#{query}")
+        self.until("document.documentElement.dataset.ready === 'true'")
+        return self
+
+    def state(self, expression):
+        """What the page publishes of itself."""
+        return json.loads(self.tab.evaluate(f"JSON.stringify((({expression}) ?? null))"))
+
+    def until(self, condition, timeout_s=PATIENCE_S):
+        """Wait until a condition on `window.adverb` holds; by asking, since the page's policy forbids `eval` in it."""
+        end = time.monotonic() + timeout_s
+        while not self.tab.evaluate(f"Boolean({condition})"):
+            assert time.monotonic() < end, condition
+            self.tab.wait_for_timeout(30)
+
+
+@contextmanager
+def opened(browser, service, **context):
+    """A tab, and at its end: no complaints."""
+    within = browser.new_context(viewport={"width": 1000, "height": 640}, **context)
+    page = Page(within.new_page(), service)
+    try:
+        yield page
+    finally:
+        within.close()
+    assert page.complaints == []
+
+
+@pytest.fixture
+def page(browser, service):
+    with opened(browser, service) as found:
+        yield found

@@ -1,0 +1,184 @@
+"""What a technical director does with the page, done in a real browser against a real server."""
+
+import io
+import math
+import zipfile
+
+import httpx
+import pytest
+
+from tests.dashboard.conftest import PATIENCE_S, PROJECT, opened
+
+pytestmark = [pytest.mark.xdist_group("dashboard"), pytest.mark.slow]
+
+TABS = ["Verb", "Quality", "Versions", "Service", "Add"]
+
+
+def drag(page, by, steps=12):
+    """Take the goal where it is on the screen, move it by so many pixels and let it go."""
+    x, y = page.state("adverb.drawn.handle")
+    mouse = page.tab.mouse
+    mouse.move(x, y)
+    mouse.down()
+    for step in range(1, steps + 1):
+        mouse.move(x + by[0] * step / steps, y + by[1] * step / steps)
+        page.tab.wait_for_timeout(20)
+    mouse.up()
+
+
+def distance(a, b):
+    return math.dist(a, b)
+
+
+@pytest.mark.parametrize(("verb", "by"), [("arm3", (-30, -40)), ("board", (-25, -30)), ("reach", (30, -35))])
+def test_a_dragged_goal_is_reached(page, verb, by):
+    page.open(verb=verb)
+    before = page.state("adverb.view.goal")
+    page.tab.get_by_role("button", name="Hold at").click()
+    page.until("!adverb.view.playing && Math.abs(adverb.shown.main?.phase - adverb.view.phase) < 1e-3")
+    drag(page, by)
+    goal = page.state("adverb.view.goal")
+    assert goal != before
+    page.until(
+        "(({effector, goal}) => effector && goal && Math.hypot(...effector.map((e, k) => e - goal[k])) < 0.002)"
+        "(adverb.drawn)"
+    )
+    assert page.state("adverb.shown.main?.error") < 1e-3
+    phase = page.state("adverb.view.phase")
+    asked = {"adverbs": goal, "phase": phase, "space": "global"}
+    told = httpx.post(f"{page.service.url}/v1/verbs/{verb}/pose", json=asked).json()
+    described = httpx.get(f"{page.service.url}/v1/verbs/{verb}").json()
+    wrist = told["positions"][described["skeleton"]["names"].index(described["measure"]["effector"])]
+    assert told["error"] < 1e-6
+    assert distance(wrist, page.state("adverb.drawn.effector")) < 0.005
+
+
+def test_the_sliders_and_the_goal_agree(page):
+    page.open(verb="reach", playing="false")
+    slider = page.tab.get_by_role("slider", name="x, m").first
+    slider.focus()
+    before = page.state("adverb.view.goal.x")
+    for _ in range(5):
+        page.tab.keyboard.press("ArrowRight")
+    after = page.state("adverb.view.goal.x")
+    assert after > before
+    page.until("adverb.drawn.goal !== null")
+    page.until(f"Math.abs(adverb.drawn.goal[0] - {after}) < 1e-6")
+
+
+def test_methods_can_be_switched(page):
+    page.open(verb="arm3")
+    method = page.tab.locator("header label", has_text="Method").locator("select")
+    method.select_option("rbf")
+    page.until("adverb.shown.main?.method === 'rbf' && adverb.shown.main?.error > 1e-3")
+    method.select_option("")
+    page.until("adverb.shown.main?.method === 'corrected' && adverb.shown.main?.error < 1e-6")
+
+
+def test_two_methods_stand_side_by_side(page):
+    page.open(verb="arm3")
+    page.tab.get_by_label("Compare with").select_option("method:rbf")
+    page.until("adverb.shown.other && adverb.shown.other.method === 'rbf'")
+    assert page.state("adverb.shown.main?.method") == "corrected"
+
+
+def test_a_refinement_ends_and_its_version_is_shown(page):
+    page.open(verb="arm3", panel="quality", method="refined")
+    page.tab.get_by_role("tab", name="Quality").click()
+    page.tab.get_by_label("Target error, %").fill("3")
+    page.tab.get_by_label("Most pseudo-examples").fill("30")
+    page.tab.get_by_role("button", name="Start", exact=True).click()
+    page.until("adverb.shown.main?.version === 2", timeout_s=180)
+    page.tab.get_by_text("published as version 2").first.wait_for()
+    page.tab.get_by_role("tab", name="Versions").click()
+    page.tab.get_by_role("button", name="Roll back to it").click()
+    page.until("adverb.shown.main?.version === 1")
+
+
+def test_a_crowd_of_two_hundred_comes_at_thirty_frames_a_second(page):
+    page.open(verb="reach", crowd="200")
+    page.until("adverb.shown.main?.count === 200")
+    page.until("adverb.stats.messages_per_s >= 30 && adverb.stats.poses_per_s >= 30 * 200")
+
+
+def test_a_server_that_comes_back_is_found_again(page):
+    page.open(verb="reach")
+    page.service.kill()
+    page.until("adverb.connection !== 'open'")
+    page.tab.get_by_text("does not answer").first.wait_for()
+    page.service.start()
+    page.until("adverb.connection === 'open'")
+    frames = page.state("adverb.drawn.frames")
+    page.until(f"adverb.drawn.frames > {frames} + 10")
+    page.complaints[:] = [text for text in page.complaints if not ("REFUSED" in text or "503" in text or "RESET" in text)]
+
+
+def test_a_broken_zip_says_what_is_wrong_with_it(page):
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("wave/verb.toml", 'name = "wave"\n')
+    page.open(verb="reach")
+    page.tab.get_by_role("tab", name="Add").click()
+    page.tab.locator("input[type=file]").first.set_input_files(
+        {"name": "wave.zip", "mimeType": "application/zip", "buffer": packed.getvalue()}
+    )
+    page.tab.get_by_text("verb.toml").first.wait_for()
+    page.tab.get_by_text("adverb", exact=False).first.wait_for()
+    told = httpx.post(
+        f"{page.service.url}/v1/verbs", content=packed.getvalue(), headers={"Content-Type": "application/zip"}, timeout=PATIENCE_S
+    ).json()
+    page.tab.get_by_text(told["detail"]).first.wait_for()
+    page.complaints[:] = [text for text in page.complaints if "422" not in text]
+
+
+def test_a_link_reopens_the_same_view(page):
+    page.open(verb="board", playing="false", phase="0.3", method="rbf")
+    page.tab.keyboard.press("ArrowRight")
+    view = page.state("adverb.view")
+    assert (view["verb"], view["method"], view["playing"]) == ("board", "rbf", False)
+    page.tab.wait_for_timeout(700)
+    address = page.tab.url
+    page.tab.goto("about:blank")
+    page.tab.goto(address)
+    page.until("document.documentElement.dataset.ready === 'true'")
+    assert page.state("adverb.view") == view
+
+
+def test_keys_play_pick_and_help(page):
+    page.open(verb="arm3")
+    page.tab.keyboard.press("Space")
+    assert page.state("adverb.view.playing") is False
+    page.tab.keyboard.press("3")
+    page.until("adverb.shown.main?.verb === 'reach'")
+    page.tab.keyboard.press("?")
+    page.tab.get_by_role("dialog", name="Keys").wait_for()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_serious_for_those_who_cannot_see_or_point(browser, service, scheme):
+    axe = PROJECT / "clients" / "dashboard" / "node_modules" / "axe-core" / "axe.min.js"
+    if not axe.is_file():
+        pytest.skip("axe-core is not installed; `make dashboard` does it where npm is")
+    with opened(browser, service, color_scheme=scheme) as page:
+        page.open(verb="reach", playing="false")
+        page.tab.evaluate(axe.read_text())
+        for tab in TABS:
+            page.tab.get_by_role("tab", name=tab).click()
+            page.tab.wait_for_timeout(500)
+            found = page.tab.evaluate("axe.run().then(({violations}) => violations)")
+            grave = [
+                (one["id"], [node["target"] for node in one["nodes"]][:3])
+                for one in found
+                if one["impact"] in ("serious", "critical")
+            ]
+            assert grave == [], tab
+
+
+def test_a_phone_shows_all_of_it(browser, service):
+    with opened(browser, service) as page:
+        page.tab.set_viewport_size({"width": 390, "height": 844})
+        page.open(verb="reach")
+        assert page.tab.evaluate("document.documentElement.scrollWidth") <= 390
+        for tab in TABS:
+            page.tab.get_by_role("tab", name=tab).click()
+            assert page.tab.evaluate("document.documentElement.scrollWidth") <= 390

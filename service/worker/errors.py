@@ -21,7 +21,7 @@ class AlreadyRunning(JobError):
 
     def __init__(self, verb: str, job: str) -> None:
         self.verb, self.job = verb, job
-        super().__init__(f"'{verb}' is being refined already, by job '{job}'; cancel that one, or force another")
+        super().__init__(f"'{verb}' is being refined already, by job '{job}'; wait for that one, or cancel it")
 
 
 class ExecutorInUse(JobError):

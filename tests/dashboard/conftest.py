@@ -103,6 +103,10 @@ class Page:
         if not url.startswith((self.service.url, f"ws://127.0.0.1:{self.service.port}", "blob:", "data:")):
             self.complaints.append(f"asked elsewhere: {url}")
 
+    def forgive(self, *words):
+        """Forget complaints that a test provoked."""
+        self.complaints = [text for text in self.complaints if not any(word in text for word in words)]
+
     def open(self, **view):
         """Open the page at a view, and wait for its first picture."""
         query = "&".join(f"{name}={value}" for name, value in {"detail": "low", **view}.items())
@@ -126,6 +130,7 @@ class Page:
 def opened(browser, service, **context):
     """A tab, and at its end: no complaints."""
     within = browser.new_context(viewport={"width": 1000, "height": 640}, **context)
+    within.set_default_timeout(1000 * PATIENCE_S)
     page = Page(within.new_page(), service)
     try:
         yield page

@@ -87,9 +87,7 @@ function serverLine(app: App, life: Life): HTMLElement {
 }
 
 /** While the store is away verbs are served as they were. */
-type Health = Ready & { degraded?: boolean; problem?: string | null };
-
-function healthLines({ degraded = false, problem, verbs, skipped }: Health): HTMLElement[] {
+function healthLines({ degraded, problem, verbs, skipped }: Ready): HTMLElement[] {
   const state = degraded
     ? `Degraded: ${problem ?? "verbs are served as they were"}`
     : `Ready, ${counted(verbs, "verb")}`;

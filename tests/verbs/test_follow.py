@@ -77,7 +77,7 @@ def test_a_held_hand_follows_its_goal(people_of, name, part):
         miss = np.linalg.norm(hand - people.evaluator.goal.points(goal), axis=1)[0]
         assert miss < 1e-6, frame
         assert not shown.blend.clamped[0]
-        assert shown.blend.error[0] == pytest.approx(miss, abs=1e-9)
+        assert shown.blend.error[0] == pytest.approx(miss, abs=1e-6)  # live poses are summed in single precision
     people.remove(slot)
 
 

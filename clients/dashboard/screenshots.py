@@ -1,7 +1,7 @@
 """Pictures of the dashboard, one per state, of a server of its own, to be looked at.
 
-`screenshots.py [-o DIR] [--only WORD] [FILE.verb …]`: build the page before (`make dashboard`). Verbs given as files are
-served besides the built-in ones and pictured held. Needs Playwright and a Chromium on the path.
+`screenshots.py [-o DIR] [--only WORD] [FILE.verb …]`: build the page before (`make dashboard`). Verbs given as files
+are served besides the built-in ones and pictured held. Needs Playwright and a Chromium on the path.
 """
 
 import argparse

@@ -51,25 +51,25 @@ class Service:
     def __init__(self, data: Path, verbs: list[Path]):
         for path in verbs:
             shutil.copy(path, data)
+        self.log = data / "log.txt"
         self.process = subprocess.Popen(
             [sys.executable, "-c", START, "serve", "--port", "0", "--data", str(data)],
             cwd=PROJECT,
             env={**os.environ, "ADVERB_REFINERS": "1"},
-            stderr=subprocess.PIPE,
-            text=True,
+            stderr=self.log.open("w"),
         )
         self.url = self._address()
 
     def stop(self) -> None:
         """End it; a second time does nothing."""
         self.process.terminate()
-        self.process.communicate()
+        self.process.wait()
 
     def _address(self) -> str:
-        assert self.process.stderr
-        for line in self.process.stderr:
-            if found := re.search(r"http://127\.0\.0\.1:\d+", line):
+        while self.process.poll() is None:
+            if found := re.search(r"http://127\.0\.0\.1:\d+", self.log.read_text()):
                 return found[0]
+            time.sleep(0.1)
         raise SystemExit("the server ended before it said where it listens")
 
 
@@ -83,8 +83,9 @@ def until(page: Page, condition: str) -> None:
 
 
 def hold(page: Page) -> None:
-    """Stand where the goal is met."""
-    page.get_by_role("button", name="Hold at").click()
+    """Stand where the goal is met; where that is no one instant, stop."""
+    button = page.get_by_role("button", name="Hold at")
+    button.click() if button.is_visible() else page.keyboard.press("Space")
     until(page, "!adverb.view.playing && Math.abs(adverb.shown.main.phase - adverb.view.phase) < 1e-3")
     page.wait_for_timeout(800)
 
@@ -132,17 +133,17 @@ def refused(page: Page) -> None:
 
 def states(service: Service, verbs: list[str]) -> Iterator[State]:
     """All pictures in the order in which they are taken; the last ones are of a server that is gone."""
-    everything = {"pseudo": "yes", "verb": "reach", **REACH}
     for verb in (*BUILT_IN, *verbs):
         yield State(f"{verb}_playing", {"verb": verb})
         yield State(f"{verb}_held", {"verb": verb}, lambda page: drag(page, 40, -40))
         yield State(f"{verb}_dark", {"verb": verb}, lambda page: drag(page, -30, 20), SMALL, "dark")
         yield State(f"{verb}_phone", {"verb": verb}, hold, PHONE)
-    yield State("reach_picture", everything, lambda page: drag(page, -24, -16))
+    yield State("marks", {"pseudo": "yes", "verb": "reach", **REACH}, hold)
+    yield State("readme", {"verb": "reach", "against": "method:rbf"}, lambda page: drag(page, 46, -48))
     for scheme in ("light", "dark"):
         view = {"verb": "reach", "against": "method:rbf", **REACH}
         yield State(f"beside_{scheme}", view, beside, WIDE, scheme)
-        yield State(f"crowd_{scheme}", {"verb": "reach", "crowd": "200"}, crowd, WIDE, scheme)
+        yield State(f"crowd_{scheme}", {"verb": "reach", "crowd": "200", "detail": "low"}, crowd, WIDE, scheme)
         yield State(f"keys_{scheme}", {"verb": "reach"}, pressed("?"), SMALL, scheme)
         for panel in PANELS:
             opened_view = {"verb": "reach", "panel": panel}
@@ -175,10 +176,10 @@ def take(browser: Browser, url: str, state: State, folder: Path) -> None:
     page.goto(f"{url}/#" + "&".join(f"{name}={value}" for name, value in state.view.items()))
     if state.loads:
         until(page, "document.documentElement.dataset.ready === 'true'")
+        sys.stdout.write(f"{state.name}: first picture after {page.evaluate('performance.now()') / 1000:.2f} s\n")
     state.act(page)
     page.screenshot(path=folder / f"{state.name}.png")
     context.close()
-    sys.stdout.write(f"{folder / state.name}.png\n")
 
 
 def main() -> None:

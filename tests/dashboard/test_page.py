@@ -54,7 +54,7 @@ def test_a_dragged_goal_is_reached(page, verb, by):
 
 
 def test_the_sliders_and_the_goal_agree(page):
-    page.open(verb="reach", playing="false")
+    page.open(verb="reach", playing="no")
     slider = page.tab.get_by_role("slider", name="x, m").first
     slider.focus()
     before = page.state("adverb.view.goal.x")
@@ -132,7 +132,7 @@ def test_a_broken_zip_says_what_is_wrong_with_it(page):
 
 
 def test_a_link_reopens_the_same_view(page):
-    page.open(verb="board", playing="false", phase="0.3", method="rbf")
+    page.open(verb="board", playing="no", phase="0.3", method="rbf")
     page.tab.keyboard.press("ArrowRight")
     view = page.state("adverb.view")
     assert (view["verb"], view["method"], view["playing"]) == ("board", "rbf", False)
@@ -160,7 +160,7 @@ def test_nothing_serious_for_those_who_cannot_see_or_point(browser, service, sch
     if not axe.is_file():
         pytest.skip("axe-core is not installed; `make dashboard` does it where npm is")
     with opened(browser, service, color_scheme=scheme) as page:
-        page.open(verb="reach", playing="false")
+        page.open(verb="reach", playing="no")
         page.tab.evaluate(axe.read_text())
         for tab in TABS:
             page.tab.get_by_role("tab", name=tab).click()

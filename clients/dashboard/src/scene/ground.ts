@@ -3,9 +3,8 @@ import {
   DoubleSide,
   Float32BufferAttribute,
   Group,
-  LineBasicMaterial,
-  LineSegments,
   Mesh,
+  MeshBasicMaterial,
   PlaneGeometry,
   ShaderMaterial,
   ShadowMaterial,
@@ -46,6 +45,11 @@ void main() {
   #include <colorspace_fragment>
 }`;
 
+/** Two triangles along x, so far up and down. */
+function stroke(from: number, to: number, half: number): number[] {
+  return [from, -half, 0, to, -half, 0, to, half, 0, from, -half, 0, to, half, 0, from, half, 0];
+}
+
 /** The ground lies lower than y = 0 by this: feet of real capture go through it by a few millimetres. */
 const SUNK_M = 0.004;
 
@@ -60,7 +64,7 @@ export class Ground {
   };
   readonly #grid: Mesh<PlaneGeometry, ShaderMaterial>;
   readonly #shade: Mesh<PlaneGeometry, ShadowMaterial>;
-  readonly #bar: LineSegments<BufferGeometry, LineBasicMaterial>;
+  readonly #bar: Mesh<BufferGeometry, MeshBasicMaterial>;
   #wall = false;
 
   constructor() {
@@ -79,10 +83,9 @@ export class Ground {
     this.#shade = new Mesh(plane, new ShadowMaterial({ transparent: true, depthWrite: false }));
     this.#shade.receiveShadow = true;
     const bar = new BufferGeometry();
-    const tick = 0.025;
-    const ends = [0, 0, 0, 1, 0, 0, 0, -tick, 0, 0, tick, 0, 1, -tick, 0, 1, tick, 0];
-    bar.setAttribute("position", new Float32BufferAttribute(ends, 3));
-    this.#bar = new LineSegments(bar, new LineBasicMaterial());
+    const strokes = [...stroke(0, 1, 0.004), ...stroke(0, 0.008, 0.025), ...stroke(0.992, 1, 0.025)];
+    bar.setAttribute("position", new Float32BufferAttribute(strokes, 3));
+    this.#bar = new Mesh(bar, new MeshBasicMaterial());
     this.#grid.renderOrder = -2;
     this.#shade.renderOrder = -1;
     this.group.add(this.#grid, this.#shade, this.#bar);
@@ -109,9 +112,10 @@ export class Ground {
   /** Put the left end of the 1 m bar at a place of the plane: x and z on the ground, x and y on the wall. */
   putBar(u: number, v: number): void {
     this.#bar.position.set(u, this.#wall ? v : -v, 0.002);
+    this.#bar.scale.y = this.#wall ? 1 : 2; // the ground is seen at a low angle
   }
 
-  get bar(): LineSegments {
+  get bar(): Mesh {
     return this.#bar;
   }
 

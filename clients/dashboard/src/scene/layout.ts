@@ -4,7 +4,7 @@ import type { Frame } from "./camera";
 import { hinge } from "./creature";
 import type { Rows } from "./figures";
 import { standing } from "./figures";
-import { add, box, sub, type V3, ZERO } from "./vec";
+import { add, box, sub, unit, type V3, ZERO } from "./vec";
 
 /** How a verb's characters, its ground and its crowd are laid out. */
 export interface Layout {
@@ -15,6 +15,8 @@ export interface Layout {
   readonly rows: Rows;
   /** Left end of the 1 m bar on the plane. */
   readonly bar: readonly [number, number];
+  /** Where light comes from. */
+  readonly light: V3;
   frame(count: number): Frame;
   /** How far lines go, and how far around light falls, m. */
   reach(count: number): number;
@@ -38,6 +40,13 @@ function view(anatomy: Anatomy, verb: Verb, wall: boolean): V3 {
   const effector = verb.skeleton.names.indexOf(verb.measure.effector ?? "");
   const left = (anatomy.places[effector]?.[0] ?? -1) > 0;
   return [left ? 0.72 : -0.72, 0.26, 1];
+}
+
+/** Light over the left shoulder of who looks: shadows fall to the right, where they are seen. */
+function lit(from: V3, wall: boolean): V3 {
+  if (wall) return [-0.5, 0.8, 1.6];
+  const [x, , z] = unit([from[0], 0, from[2]]);
+  return [0.55 * x - 0.75 * z, 1.5, 0.55 * z + 0.75 * x];
 }
 
 /** The box around where the characters of a crowd stand; kept until there are more or fewer. */
@@ -71,15 +80,17 @@ export function layoutOf(anatomy: Anatomy, verb: Verb, marked: readonly V3[]): L
   const back = wall ? -0.08 * extent : 0;
   const bar = wall
     ? ([whole.centre[0] - 0.5, whole.centre[1] - whole.half[1] - 0.12] as const)
-    : ([-0.5, whole.half[2] + whole.centre[2] + 0.3] as const);
+    : ([-0.5, Math.ceil(10 * (whole.half[2] + whole.centre[2] + 0.1)) / 10 + 0.05] as const); // between two lines
   const ends = [bar[0], bar[0] + 1].map((u): V3 => (wall ? [u, bar[1], back] : [u, 0, bar[1]]));
-  const shown = [...(wall ? rest : around), ...marked, ...ends];
+  const foot: V3[] = wall ? [[-0.1 * extent, 0, back]] : [];
+  const shown = [...(wall ? rest : around), ...foot, ...marked, ...ends];
   const from = view(anatomy, verb, wall);
   return {
     wall,
     back,
     rows,
     bar,
+    light: lit(from, wall),
     frame: (count) => {
       if (count <= 1) return { points: shown, from };
       const { centre, half } = spread(count);

@@ -8,7 +8,6 @@ export class Lights {
   readonly #sky = new HemisphereLight();
   readonly #key = new DirectionalLight("#fff3e2", 2.4);
   readonly #rim = new DirectionalLight("#dfeaff", 0.9);
-  #way: V3 = [-0.55, 1.5, 0.9];
 
   constructor() {
     const { shadow } = this.#key;
@@ -20,13 +19,12 @@ export class Lights {
     this.group.add(this.#sky, this.#key, this.#key.target, this.#rim, this.#rim.target);
   }
 
-  /** Light a ball of some radius about a place; `flat`: from the front, for what hangs on a wall. */
-  aim(x: number, y: number, z: number, radius: number, flat: boolean): void {
-    this.#way = flat ? [-0.5, 0.8, 1.6] : [-0.55, 1.5, 0.9];
+  /** Light a ball of some radius about a place, from a side. */
+  aim(x: number, y: number, z: number, radius: number, from: V3): void {
     const far = 3 * radius;
     const { camera } = this.#key.shadow;
     this.#key.target.position.set(x, y, z);
-    this.#key.position.set(x + far * this.#way[0], y + far * this.#way[1], z + far * this.#way[2]);
+    this.#key.position.set(x + far * from[0], y + far * from[1], z + far * from[2]);
     if (camera.right !== radius) {
       Object.assign(camera, { left: -radius, right: radius, top: radius, bottom: -radius, near: 0.1, far: 9 * radius });
       this.#key.shadow.normalBias = 0.004 * Math.min(radius, 3);

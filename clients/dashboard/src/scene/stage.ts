@@ -332,12 +332,12 @@ class Picturing implements Stage {
     camera.updateMatrixWorld();
     this.#goal.face(camera, this.#host.clientHeight);
     if (this.#layout) {
-      const { wall, radius, bar } = this.#layout;
+      const { light, radius, bar } = this.#layout;
       const main = this.#figures?.main;
       const [x, y, z] = main?.count ? main.places : [target.x, target.y, target.z];
       const snap = (value: number | undefined) => Math.round((value ?? 0) * 4) / 4;
       const crowd = this.#layout.crowd(main?.count ?? 1);
-      this.#lights.aim(snap(x) + crowd.x, snap(y) + crowd.y, snap(z) + crowd.z, radius(main?.count ?? 1), wall);
+      this.#lights.aim(snap(x) + crowd.x, snap(y) + crowd.y, snap(z) + crowd.z, radius(main?.count ?? 1), light);
       this.#ground.centre(target.x, target.y, target.z);
       const [u, v] = this.#following && main?.count ? [Math.round(x ?? 0), Math.round(z ?? 0)] : [0, 0];
       this.#ground.putBar(bar[0] + u, bar[1] + v);

@@ -46,9 +46,10 @@ function verbPicker(page: Page): HTMLElement {
 
 function methodPicker(page: Page): HTMLElement {
   const { element, select } = choice("Method", [], (method) => page.store.change({ method }));
+  element.title = "The verb's own method stands first";
   const show = () => {
     const { verb } = page;
-    const own = verb ? `${methodName(verb.default_method)} (its own)` : "";
+    const own = verb ? methodName(verb.default_method) : "";
     const others = verb?.methods.filter((method) => method !== verb.default_method) ?? [];
     offer(select, [["", own], ...others.map((method) => [method, methodName(method)] as const)]);
     const { method } = page.store.view;
@@ -101,7 +102,15 @@ function read(value: string): Against {
 /** One line about the connection; the details are in the panel. */
 function link(page: Page): HTMLElement {
   const words = h("span", {});
-  const element = h("div", { className: "link", "data-state": page.connection, title: "Connection" }, words);
+  const element = h(
+    "div",
+    {
+      className: "link",
+      "data-state": page.connection,
+      title: "Messages a second, and how old 95 of 100 are on arrival",
+    },
+    words,
+  );
   const show = (stats: Stats | null) => {
     element.dataset.state = page.connection;
     words.textContent =

@@ -24,7 +24,7 @@ from verbs.kernels import pose as kernels
 
 __all__ = ["Beat"]
 
-PART_ROWS = 80
+PART_ROWS = 48
 """Characters that are stepped in one go; more would hold up everybody else for over a millisecond."""
 
 SLICE_S = 0.0005

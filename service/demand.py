@@ -21,10 +21,13 @@ from verbs.verb import Verb
 if TYPE_CHECKING:
     from service.stream.channel import Group
 
-__all__ = ["ERRORS_HALF_LIFE_S", "MAX_NOTED", "Adverbs", "Demand", "Noted", "Observed"]
+__all__ = ["ERRORS_HALF_LIFE_S", "MAX_LOOKED", "MAX_NOTED", "Adverbs", "Demand", "Noted", "Observed"]
 
 MAX_NOTED = 16_384
 """Adverbs that are noted between two counts, and one more batch; the rest of a rush is not counted."""
+
+MAX_LOOKED = 256
+"""Characters of a group that are noted at a time; of more, others each time."""
 
 ERRORS_HALF_LIFE_S = 600.0
 
@@ -81,7 +84,7 @@ class Demand:
     """
 
     def __init__(self, most: int = MAX_NOTED) -> None:
-        self._most, self._rows = most, 0
+        self._most, self._rows, self._looks = most, 0, 0
         self._noted: list[Noted] = []
         self.observed: dict[str, Observed] = {}
 
@@ -92,10 +95,13 @@ class Demand:
             self._noted.append((entry, adverbs, errors))
 
     def look_at(self, groups: Iterable[Group]) -> None:
-        """Note what the characters of streams are asked for now; nobody told how far they are from it."""
+        """Note what the characters of streams, or some of many, are asked for now; nobody told how far off they are."""
+        self._looks += 1
         for group in groups:
             taken = group.characters.taken()
             if len(taken):
+                step = -(-len(taken) // MAX_LOOKED)
+                taken = taken[self._looks % step :: step]
                 self.ask(group.entry, group.characters.asked[taken], rows=len(taken))
 
     def take(self) -> list[Noted]:

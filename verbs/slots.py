@@ -39,6 +39,7 @@ class Slots:
     _error: F64
     _clamped: F64
     _known: I64
+    _used: I64
 
     def __init__(self, verb: Verb) -> None:
         self.verb = verb
@@ -50,11 +51,12 @@ class Slots:
 
     def taken(self) -> I64:
         """Slots of all characters, in order."""
-        return np.setdiff1d(np.arange(len(self.state)), self._free)
+        return np.flatnonzero(self._used)
 
     def remove(self, slot: int) -> None:
         """Forget a character; its slot will be another's."""
         self._free.append(slot)
+        self._used[slot] = 0
 
     def _take(self) -> int:
         """A free slot, its state zeroed."""
@@ -62,6 +64,7 @@ class Slots:
             self._grow(2 * len(self.state))
         slot = self._free.pop()
         self.state[slot] = 0.0
+        self._used[slot] = 1
         return slot
 
     def _grow(self, capacity: int) -> None:
@@ -80,8 +83,9 @@ class Slots:
             ("_error", ()),
             ("_clamped", ()),
             ("_known", ()),
+            ("_used", ()),
         ):
-            larger = np.zeros((capacity, *shape), np.int64 if name == "_known" else np.float64)
+            larger = np.zeros((capacity, *shape), np.int64 if name in ("_known", "_used") else np.float64)
             if had:
                 larger[:had] = getattr(self, name)
             setattr(self, name, larger)

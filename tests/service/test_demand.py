@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from service.catalog import Entry
-from service.demand import ERRORS_HALF_LIFE_S, FORGET_S, Demand
+from service.demand import ERRORS_HALF_LIFE_S, FORGET_S, MAX_LOOKED, Demand
 from service.stream.channel import Group
 from service.worker.traffic import CELLS, HALF_LIFE_S, cells_of, together
 from verbs.measure.domain import random_points
@@ -127,6 +127,19 @@ def test_characters_of_streams_are_looked_at(arm):
     seen = counted(demand)["arm3"]
     assert (total(seen), seen.answers) == (15, 0)
     assert seen.told()["cells"] == cells_of(arm.verb, some(arm, 20)[5:])["cells"]
+
+
+def test_of_a_crowd_some_are_noted_at_a_time_and_all_in_turn(arm):
+    demand, group = Demand(), Group(arm, "corrected")
+    for k in range(3 * MAX_LOOKED):
+        group.characters.add(np.array([0.3 + 1e-4 * k, 0.2]))
+    seen = set()
+    for _ in range(3):
+        demand.look_at([group])
+        ((_, rows, _),) = demand.take()
+        assert len(rows) == MAX_LOOKED
+        seen |= set(rows[:, 0])
+    assert len(seen) == 3 * MAX_LOOKED
 
 
 def test_what_a_server_said_long_ago_weighs_less():

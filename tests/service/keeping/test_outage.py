@@ -12,7 +12,7 @@ from tests.service.worker.conftest import database
 
 pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("outage")]
 
-AWAY_S = 6.0
+AWAY_S = 10.0
 LONG = {"max_pseudo": 120, "target_error": 1e-6}
 ARM = {"adverbs": {"x": 0.4, "y": 0.3}}
 

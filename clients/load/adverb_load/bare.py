@@ -115,6 +115,7 @@ def main() -> None:
     )
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.bind(("127.0.0.1", 0))
+    listener.listen(2048)  # before it says that it is ready
     sys.stderr.write(f"bare server is ready on http://127.0.0.1:{listener.getsockname()[1]} (no animation)\n")
     sys.stderr.flush()
     with listener:

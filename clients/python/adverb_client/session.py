@@ -233,7 +233,7 @@ class Session:
         for record in message.records():
             self.stats.records += 1
             channel = self.channels.get(record.channel)
-            if channel is not None:
+            if channel is not None and channel.opened is not None:  # else it is of a closed one with this number
                 channel.buffer.push(due_s, record)
                 channel.jump = None
 

@@ -170,6 +170,20 @@ async def test_a_closed_channel_is_forgotten_and_its_last_records_do_no_harm(str
     assert (await stream.open("reach")).number == 2  # numbers are not used again at once
 
 
+async def test_a_number_that_is_taken_again_shows_nothing_of_the_channel_before(stream, fake):
+    first = await stream.open("reach", adverbs=AT)
+    fake.mute = {"close", "open"}  # its records go on, as those do that were under way
+    await stream.close_channel(first)
+    asked = asyncio.create_task(stream.open("reach", number=first.number, encoding="weights", timeout_s=1.0))
+    count = stream.stats.messages
+    await until(lambda: stream.stats.messages > count + 5)
+    again = stream.channels[first.number]
+    assert again is not first
+    assert again.pose() is None
+    with pytest.raises(TimedOut):
+        await asked
+
+
 async def test_keytimes_and_ends_are_told(stream):
     channel = await stream.open("once", adverbs={"x": 0.0})
     passed, ended = await next_note(stream, Passed), await next_note(stream, Ended)

@@ -94,7 +94,7 @@ async def test_a_slow_reader_holds_up_nobody_and_finds_fresh_frames(serve):
             await slow.poses(3)
             slow.socket.transport.pause_reading()
             paused_at = slow.frames[-1].time_ns
-            await asyncio.sleep(0.5)
+            await asyncio.gather(*(client.for_seconds(0.5) for client in clients))  # what came while they were opened
             for client in clients:
                 client.frames.clear()
             await asyncio.gather(*(client.for_seconds(10.0) for client in clients))

@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.frames import Frame
+from websockets.frames import CloseCode, Frame
 from websockets.http11 import Request
 from websockets.protocol import State
 
@@ -83,6 +83,18 @@ class Sockets(WebSocketsSansIOProtocol):
             if self.hear(bytes(event.data)):
                 return
         super().handle_bytes(event)
+
+    def send_receive_event_to_app(self) -> None:
+        """Hand a whole message on; text that is not UTF-8 ends its connection, and is not worth a line in the log."""
+        if self.curr_msg_data_type == "text" and not self.close_sent:
+            try:
+                b"".join(self.frames).decode()
+            except UnicodeDecodeError:
+                self.frames = []
+                self.conn.send_close(CloseCode.INVALID_DATA, "text must be UTF-8")
+                self.handle_parser_exception()
+                return
+        super().send_receive_event_to_app()
 
     def _make_room(self, size: int) -> None:
         """Take a message of this length whole: one that is cut waits for the next turn of the event loop."""

@@ -8,6 +8,7 @@ import time
 import pytest
 import uvicorn
 from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed
 
 from service.sockets import SOCKET, TURN, UNSENT_BYTES, Sockets
 from tests.service.stream.conftest import PATIENCE_S, eventually, talk
@@ -99,3 +100,15 @@ async def test_wrong_binary_messages_are_told_in_order(server):
         await client.until("pong")
         codes = [text["code"] for text in client.texts if text["op"] == "error"]
         assert codes == ["unknown_channel", "bad_message", "bad_message"]
+
+
+@pytest.mark.parametrize("pieces", [b"\xff", [b'{"op": "ping", "t"', b": 1\xc3", b"}"]], ids=["whole", "in pieces"])
+async def test_text_that_is_not_utf8_ends_its_connection_and_no_other(server, pieces, caplog):
+    async with talk(server) as other, talk(server) as client:
+        await client.socket.send(pieces, text=True)
+        with pytest.raises(ConnectionClosed) as closed:
+            await client.until("never")
+        assert closed.value.rcvd.code == 1007
+        await other.say("ping", t=1)
+        await other.until("pong")
+    assert not [record for record in caplog.records if record.exc_info]

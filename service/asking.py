@@ -12,7 +12,7 @@ from service import wire
 from service.answers import Evaluated, Motion
 from service.catalog import Entry
 from service.errors import BadBody, BatchTooLarge
-from service.schemas import BatchRequest, Options, PoseRequest, SequenceRequest
+from service.requests import BatchRequest, Options, PoseRequest, SequenceRequest
 from service.serving import Serving
 from verbs import describe, escalate
 from verbs import sequence as sequences

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from service.schemas import STRICT, Name, Space
+from service.requests import STRICT, Name, Space
 from verbs.characters import HALF_LIFE_S, MAX_SPEED, MAX_TRANSITION_S, RESTART_S
 from verbs.conventions import MAX_ADVERBS, MAX_JOINTS
 

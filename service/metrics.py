@@ -44,8 +44,25 @@ class Metrics:
     """The metrics of one app, in a registry of their own."""
 
     def __init__(self) -> None:
-        self.registry = CollectorRegistry()
-        own = self.registry
+        own = self.registry = CollectorRegistry()
+        self._declare_requests(own)
+        self._declare_verbs(own)
+        self._declare_streams(own)
+        self._cached: dict[tuple[str, str, str], Histogram] = {}
+        self._requests_cached: dict[tuple[str, str, int], Counter] = {}
+        self._poses_cached: dict[tuple[str, int, str], tuple[Histogram, Counter, Counter]] = {}
+        self._told = own
+        if folder := os.environ.get("PROMETHEUS_MULTIPROC_DIR"):
+            self._told = CollectorRegistry()
+            MultiProcessCollector(self._told, folder)  # type: ignore[no-untyped-call]
+            self._told.register(_Processes(Path(folder)))
+        else:
+            prometheus_client.ProcessCollector(registry=own)
+        prometheus_client.PlatformCollector(registry=self._told)
+        self._refinements = _Refinements()
+        self._told.register(self._refinements)
+
+    def _declare_requests(self, own: CollectorRegistry) -> None:
         self._duration = Histogram(
             "adverb_request_duration_seconds",
             "Time from the request's head to the last byte of the answer, seconds.",
@@ -56,6 +73,14 @@ class Metrics:
         self._requests = Counter(
             "adverb_requests_total", "Answered requests.", ("route", "http_method", "status"), registry=own
         )
+        self._lateness = Histogram(
+            "adverb_event_loop_lateness_seconds",
+            "How late the event loop is to a timer, seconds: what every request waits when something blocks it.",
+            buckets=_LATENESS,
+            registry=own,
+        )
+
+    def _declare_verbs(self, own: CollectorRegistry) -> None:
         self._error = Histogram(
             "adverb_pose_error_meters",
             "Distance between what poses were asked for and what they reach, metres (metres per second where a verb "
@@ -91,12 +116,8 @@ class Metrics:
             registry=own,
             multiprocess_mode="livemax",
         )
-        self._lateness = Histogram(
-            "adverb_event_loop_lateness_seconds",
-            "How late the event loop is to a timer, seconds: what every request waits when something blocks it.",
-            buckets=_LATENESS,
-            registry=own,
-        )
+
+    def _declare_streams(self, own: CollectorRegistry) -> None:
         self._late = Histogram(
             "adverb_stream_lateness_seconds",
             "Time from when a pose message was due to when it was handed to the socket, seconds.",
@@ -115,19 +136,6 @@ class Metrics:
         self._channels = Gauge(
             "adverb_channels", "Characters of all streams.", registry=own, multiprocess_mode="livesum"
         )
-        self._cached: dict[tuple[str, str, str], Histogram] = {}
-        self._requests_cached: dict[tuple[str, str, int], Counter] = {}
-        self._poses_cached: dict[tuple[str, int, str], tuple[Histogram, Counter, Counter]] = {}
-        self._told = own
-        if folder := os.environ.get("PROMETHEUS_MULTIPROC_DIR"):
-            self._told = CollectorRegistry()
-            MultiProcessCollector(self._told, folder)  # type: ignore[no-untyped-call]
-            self._told.register(_Processes(Path(folder)))
-        else:
-            prometheus_client.ProcessCollector(registry=own)
-        prometheus_client.PlatformCollector(registry=self._told)
-        self._refinements = _Refinements()
-        self._told.register(self._refinements)
 
     def text(self) -> bytes:
         """All metrics in Prometheus' text form, those of all processes together; some milliseconds of work."""

@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
-from service import messages, schemas
+from service import messages, requests, schemas
 
 __all__ = ["API_VERSION", "DESCRIPTION", "FILE", "install", "text"]
 
@@ -24,10 +24,10 @@ DESCRIPTION = (
 FILE = Path(__file__).parents[1] / "docs" / "openapi.json"
 
 _READ_BY_HANDLERS = (
-    schemas.PoseRequest,
-    schemas.BatchRequest,
-    schemas.SequenceRequest,
-    schemas.RefinementRequest,
+    requests.PoseRequest,
+    requests.BatchRequest,
+    requests.SequenceRequest,
+    requests.RefinementRequest,
     schemas.ProblemAnswer,
 )
 

@@ -11,16 +11,8 @@ from service import answers, asking, wire
 from service.api.direct import Direct
 from service.api.documented import ASKING, VerbName, body, forms, problems
 from service.exchange import BVH, JSON, OCTETS, accepted, media_type, read, read_model, sliced
-from service.schemas import (
-    BatchRequest,
-    Name,
-    PoseAnswer,
-    PoseRequest,
-    PosesAnswer,
-    SequenceAnswer,
-    SequenceRequest,
-    Space,
-)
+from service.requests import BatchRequest, Name, PoseRequest, SequenceRequest, Space
+from service.schemas import PoseAnswer, PosesAnswer, SequenceAnswer
 from service.serving import served, trace_of
 from verbs import sequence as sequences
 from verbs.errors import RequestError

@@ -12,7 +12,8 @@ from starlette.responses import Response
 
 from service.api.documented import LOOKING, VerbName, problems
 from service.exchange import JSON
-from service.schemas import Name, QualityAnswer
+from service.requests import Name
+from service.schemas import QualityAnswer
 from service.serving import served, trace_of
 from verbs import describe
 from verbs.conventions import F64

@@ -15,7 +15,8 @@ from service.api.documented import VerbName, body, problems
 from service.compute import aside
 from service.errors import AlreadyRefining, ReadOnly
 from service.exchange import JSON, read_model
-from service.schemas import RefinementAnswer, RefinementList, RefinementRequest
+from service.requests import RefinementRequest
+from service.schemas import RefinementAnswer, RefinementList
 from service.serving import Serving, serving_of
 from service.store.store import Job
 from service.worker.asked import Asked

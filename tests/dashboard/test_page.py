@@ -2,12 +2,15 @@
 
 import io
 import math
+import shutil
 import zipfile
+from pathlib import Path
 
 import httpx
 import pytest
 
 from tests.dashboard.conftest import PATIENCE_S, PROJECT, opened
+from verbs import library
 
 pytestmark = [pytest.mark.xdist_group("dashboard"), pytest.mark.slow]
 
@@ -131,8 +134,29 @@ def test_a_broken_zip_says_what_is_wrong_with_it(page):
     page.forgive("422")
 
 
+def test_a_chosen_folder_is_built_and_shown(page, tmp_path):
+    folder = tmp_path / "wave"
+    shutil.copytree(Path(library.__file__).parent / "arm3", folder)
+    source = folder / "verb.toml"
+    source.write_text(source.read_text().replace('name = "arm3"', 'name = "wave"', 1))
+    (folder / ".DS_Store").write_bytes(b"hidden")
+    page.open(verb="reach")
+    page.tab.get_by_role("tab", name="Add").click()
+    page.tab.locator("input[webkitdirectory]").set_input_files(folder)
+    page.tab.get_by_role("button", name="Show it").click()
+    page.until("adverb.view.verb === 'wave' && adverb.shown.main?.version === 1")
+
+
+def test_a_folder_that_is_no_source_is_not_sent(page, tmp_path):
+    (tmp_path / "notes.txt").write_text("nothing moves here")
+    page.open(verb="reach")
+    page.tab.get_by_role("tab", name="Add").click()
+    page.tab.locator("input[webkitdirectory]").set_input_files(tmp_path)
+    page.tab.get_by_text("holds no verb.toml").wait_for()
+
+
 def test_a_link_reopens_the_same_view(page):
-    page.open(verb="board", playing="no", phase="0.3", method="rbf")
+    page.open(verb="board", playing="no", phase="0.3", method="rbf", maps="rbf,knn")
     page.tab.keyboard.press("ArrowRight")
     view = page.state("adverb.view")
     assert (view["verb"], view["method"], view["playing"]) == ("board", "rbf", False)

@@ -117,7 +117,7 @@ export class Page implements App {
   /** Show another verb, from its own beginning. */
   choose(verb: string): void {
     if (verb === this.store.view.verb) return;
-    const none = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "" };
+    const none = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "", slice: null };
     this.store.change({ verb, ...none, against: { kind: "nothing" } });
   }
 

@@ -53,6 +53,10 @@ export interface View {
   across: string;
   up: string;
   map: "error" | "smoothness";
+  /** Methods of the quality maps, empty: chosen by the page. */
+  maps: readonly string[];
+  /** Where the slice of the maps is, by adverb; null: through the goal. */
+  slice: Readonly<Record<string, number>> | null;
 }
 
 export interface Store {

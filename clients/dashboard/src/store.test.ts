@@ -33,6 +33,11 @@ const view: fc.Arbitrary<View> = fc.record<View>({
   across: fc.string({ maxLength: 40 }),
   up: fc.string({ maxLength: 40 }),
   map: fc.constantFrom("error", "smoothness"),
+  maps: fc.array(
+    name.filter((each) => !each.includes(",")),
+    { maxLength: 4 },
+  ),
+  slice: fc.option(fc.dictionary(name, number, { minKeys: 1, maxKeys: 6, noNullPrototype: true })),
 });
 
 test("a link brings every view back", () => {
@@ -50,7 +55,7 @@ test("every field changes the link, and what is as usual is left out", () => {
     ...{ verb: "kick", method: "rbf", goal: { x: 1 }, phase: 0.5, playing: false, speed: -1, loop: false, fps: 30 },
     ...{ encoding: "q48", crowd: 2, against: { kind: "version", version: 3 }, hull: false, examples: false },
     ...{ pseudo: true, follow: false, detail: "low", theme: "dark", panel: "add", camera: [1, 2, 3, 4, 5, 6] },
-    ...{ across: "x", up: "y", map: "smoothness" },
+    ...{ across: "x", up: "y", map: "smoothness", maps: ["rbf", "knn"], slice: { z: 1 } },
   };
   for (const key of Object.keys(DEFAULTS) as (keyof View)[]) {
     const link = writeView({ ...DEFAULTS, [key]: other[key] });
@@ -76,6 +81,9 @@ test.each([
   ["camera=1,2,3,4,5,x", "camera"],
   [`verb=${"x".repeat(500)}`, "verb"],
   ["at.x=left", "goal"],
+  ["maps=rbf,,knn", "maps"],
+  [`maps=${"a,".repeat(40)}a`, "maps"],
+  ["slice.x=", "slice"],
 ] as const)("'%s' falls back", (words, key) => {
   expect(readView(`#${words}`)[key]).toEqual(DEFAULTS[key]);
 });

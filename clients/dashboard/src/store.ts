@@ -25,6 +25,8 @@ export const DEFAULTS: View = {
   across: "",
   up: "",
   map: "error",
+  maps: [],
+  slice: null,
 };
 
 /** What is allowed; the controls keep to the same bounds. */
@@ -38,7 +40,9 @@ export const BOUNDS = {
 
 const LONGEST_NAME = 200;
 const GOAL = "at.";
+const SLICE = "slice.";
 const MOST_ADVERBS = 16;
+const MOST_MAPS = 16;
 const WRITE_AFTER_MS = 250;
 
 /** One field and its words in the address; `read` gives undefined for what is not allowed. */
@@ -97,7 +101,15 @@ const camera: Words<readonly number[] | null> = {
   write: (value) => (value ?? []).join(),
 };
 
-const WORDS: { [Key in Exclude<keyof View, "goal">]: Words<View[Key]> } = {
+const names: Words<readonly string[]> = {
+  read: (text) => {
+    const values = text.split(",");
+    return values.length <= MOST_MAPS && values.every((value) => value && name.read(value)) ? values : undefined;
+  },
+  write: (values) => values.join(),
+};
+
+const WORDS: { [Key in Exclude<keyof View, "goal" | "slice">]: Words<View[Key]> } = {
   verb: name,
   method: name,
   phase: within(BOUNDS.phase),
@@ -119,6 +131,7 @@ const WORDS: { [Key in Exclude<keyof View, "goal">]: Words<View[Key]> } = {
   across: name,
   up: name,
   map: oneOf("error", "smoothness"),
+  maps: names,
 };
 
 /** The view that a link's hash holds; what is missing or not allowed is as in `base`. */
@@ -130,11 +143,17 @@ export function readView(hash: string, base: View = DEFAULTS): View {
     const value = text === null ? undefined : read(text);
     if (value !== undefined) view[key] = value;
   }
-  const goal = [...words]
-    .filter(([key, text]) => key.startsWith(GOAL) && name.read(key) && number.read(text) !== undefined)
+  const adverbs = { goal: readAdverbs(words, GOAL) ?? base.goal, slice: readAdverbs(words, SLICE) ?? base.slice };
+  return { ...(view as unknown as View), ...adverbs };
+}
+
+/** Numbers by the rest of their keys, which begin with the same prefix; null where there are none. */
+function readAdverbs(words: URLSearchParams, prefix: string): Record<string, number> | null {
+  const found = [...words]
+    .filter(([key, text]) => key.startsWith(prefix) && name.read(key) && number.read(text) !== undefined)
     .slice(0, MOST_ADVERBS)
-    .map(([key, text]) => [key.slice(GOAL.length), Number(text)]);
-  return { ...(view as unknown as View), goal: goal.length > 0 ? Object.fromEntries(goal) : base.goal };
+    .map(([key, text]) => [key.slice(prefix.length), Number(text)]);
+  return found.length > 0 ? Object.fromEntries(found) : null;
 }
 
 /** The hash that holds a view: what differs from the defaults. */
@@ -145,6 +164,7 @@ export function writeView(view: View): string {
     if (!same(view[key], DEFAULTS[key])) words.set(key, write(view[key]));
   }
   for (const [key, value] of Object.entries(view.goal)) words.set(GOAL + key, String(value));
+  for (const [key, value] of Object.entries(view.slice ?? {})) words.set(SLICE + key, String(value));
   const text = words.toString();
   return text && `#${text}`;
 }

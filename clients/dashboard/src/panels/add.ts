@@ -1,9 +1,10 @@
-/** Add a verb: a zip of its source, or an artifact, dropped or picked; built by the server, then shown. */
+/** Add a verb: its source as a folder or a zip, or an artifact, dropped or picked; built by the server, then shown. */
 
 import { Problem } from "../api/rest";
 import { textOf } from "../app";
 import type { App, Upload } from "../contracts";
 import { h } from "../shell/dom";
+import { filesIn, filesOf, type Inside, zipped } from "./parts/folder";
 import { Life } from "./parts/life";
 import { nameInside } from "./parts/name_inside";
 import { bytes } from "./parts/units";
@@ -34,17 +35,28 @@ export function mount(host: HTMLElement, app: App): () => void {
       busy = false;
     }
   };
+  const pack = async (files: Inside[] | Promise<Inside[]>) => {
+    try {
+      await send(await zipped(await files));
+    } catch (err) {
+      explain(said, err);
+    }
+  };
   const take = async (files: DataTransfer | FileList | null) => {
     const list = files instanceof DataTransfer ? files.files : files;
     const file = list?.[0];
     if (busy || !file) return;
-    const folder = files instanceof DataTransfer && files.items[0]?.webkitGetAsEntry()?.isDirectory;
-    if (folder) say(said, "bad", `${file.name} is a folder: zip it, and drop the zip.`);
-    else if (list.length > 1) say(said, "bad", "One file at a time: a verb is one zip or one artifact.");
+    const entry = files instanceof DataTransfer ? files.items[0]?.webkitGetAsEntry() : null;
+    if (list.length > 1) say(said, "bad", "One at a time: a verb is one folder, one zip or one artifact.");
+    else if (entry?.isDirectory) await pack(filesIn(entry as FileSystemDirectoryEntry));
     else await send(file);
+  };
+  const folder = async (list: FileList | null) => {
+    if (!busy && list && list.length > 0) await pack(filesOf(list));
   };
   host.append(
     dropZone((files) => void take(files)),
+    folderPicker((list) => void folder(list)),
     said,
     needs(),
   );
@@ -79,9 +91,25 @@ function dropZone(take: (files: DataTransfer | FileList | null) => void): HTMLEl
     },
     input,
     h("strong", {}, "Drop a verb here, or choose a file"),
-    h("span", { className: "quiet" }, "a zip of its source folder, or a .verb file"),
+    h("span", { className: "quiet" }, "its source folder, a zip of that, or a .verb file"),
   );
   return zone;
+}
+
+/** Folders cannot be chosen where files are: they have a button of their own. */
+function folderPicker(take: (files: FileList | null) => void): HTMLElement {
+  const input = h("input", {
+    type: "file",
+    webkitdirectory: true,
+    hidden: true,
+    onchange: () => {
+      const { files } = input;
+      take(files);
+      input.value = "";
+    },
+  });
+  const button = h("button", { type: "button", onclick: () => input.click() }, "Choose a folder");
+  return h("div", { className: "acts" }, input, button);
 }
 
 function needs(): HTMLElement {
@@ -156,7 +184,7 @@ function tell(said: HTMLElement, app: App, { verb, version, warnings }: Upload):
   const examples = known ? `, ${known.examples} examples` : "";
   say(said, "good", `${verb}, version ${version}${examples}`);
   if (warnings.length > 0) said.append(h("ul", { className: "skipped" }, ...warnings.map((line) => h("li", {}, line))));
-  const fresh = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "" };
+  const fresh = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "", slice: null };
   const onclick = () => app.store.change({ verb, ...fresh, against: { kind: "nothing" }, panel: "verb" });
   said.append(
     h("div", { className: "acts" }, h("button", { type: "button", className: "primary", onclick }, "Show it")),

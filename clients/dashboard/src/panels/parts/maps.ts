@@ -26,9 +26,6 @@ interface Cell {
   problem: string;
 }
 
-/** Methods that were chosen, kept while the panel is closed. */
-const kept = new Map<string, readonly string[]>();
-
 export class Maps {
   readonly element: HTMLElement;
   private readonly across;
@@ -46,7 +43,6 @@ export class Maps {
   private rows: HeldRow[] = [];
   private cells: Cell[] = [];
   private slice: Slice | null = null;
-  private place: Record<string, number> = {};
   private pointed: Place | null = null;
   private shape = "";
   private readonly asking = soon(AFTER_MS, () => this.ask());
@@ -63,14 +59,13 @@ export class Maps {
       const onclick = () => store.change({ map });
       this.kinds.append(h("button", { type: "button", "data-map": map, onclick }, text));
     }
-    this.follow = toggle("Through the goal", () => this.moved());
-    this.follow.box.checked = true;
+    this.follow = toggle("Through the goal", (on) => store.change({ slice: on ? null : store.view.goal }));
     this.element = this.layOut();
     life.add(
       app.on("verb", () => this.show()),
       store.on(["across", "up"], () => this.show()),
-      store.on(["goal"], () => this.moved()),
-      store.on(["against"], () => this.choose(this.chosen)),
+      store.on(["goal", "slice"], () => this.moved()),
+      store.on(["against", "maps"], () => this.choose(this.chosen)),
       store.on(["map", "pseudo"], () => this.draw()),
       () => this.end(),
     );
@@ -102,7 +97,7 @@ export class Maps {
   private get chosen(): readonly string[] {
     const { verb } = this;
     if (!verb) return [];
-    const usable = (kept.get(verb.name) ?? []).filter((method) => verb.methods.includes(method));
+    const usable = this.app.store.view.maps.filter((method) => verb.methods.includes(method));
     if (usable.length > 0) return usable;
     const shown = ["rbf", "refined", verb.default_method].filter((method) => verb.methods.includes(method));
     return [...new Set(shown)];
@@ -123,6 +118,7 @@ export class Maps {
     this.up.element.hidden = line;
     this.grid.classList.toggle("lines", line);
     this.follow.element.hidden = this.slice.held.length === 0;
+    this.follow.box.checked = this.app.store.view.slice === null;
     this.rows = heldRows(this.slice, (name, value) => this.drag(name, value));
     this.held.replaceChildren(...this.rows.map(({ element }) => element));
     this.lacking.textContent = lackingText(verb);
@@ -131,8 +127,8 @@ export class Maps {
 
   /** Held adverbs come from the goal, or from where the slice was dragged. */
   private at(): Readonly<Record<string, number>> {
-    const { goal } = this.app.store.view;
-    return this.follow.box.checked ? goal : { ...goal, ...this.place };
+    const { goal, slice } = this.app.store.view;
+    return { ...goal, ...slice };
   }
 
   private turn(axes: { across?: string; up?: string }): void {
@@ -145,9 +141,8 @@ export class Maps {
 
   private drag(name: string, value: number): void {
     const { store } = this.app;
-    this.place = { ...this.place, [name]: value };
-    if (this.follow.box.checked) store.change({ goal: { ...store.view.goal, [name]: value } });
-    else this.moved();
+    const { goal, slice } = store.view;
+    store.change(slice ? { slice: { ...slice, [name]: value } } : { goal: { ...goal, [name]: value } });
   }
 
   private moved(): void {
@@ -155,8 +150,7 @@ export class Maps {
     if (!verb) return;
     this.slice = sliceOf(verb, this.app.store.view, this.at());
     if (!this.slice) return;
-    if (this.follow.box.checked)
-      this.place = Object.fromEntries(this.slice.held.map(([{ name }, value]) => [name, value]));
+    this.follow.box.checked = this.app.store.view.slice === null;
     this.slice.held.forEach(([, value], k) => {
       this.rows[k]?.show(value);
     });
@@ -168,7 +162,6 @@ export class Maps {
   private choose(methods: readonly string[]): void {
     const { verb } = this;
     if (!verb) return;
-    kept.set(verb.name, methods);
     this.methods.replaceChildren(...verb.methods.map((method) => this.chip(method, methods)));
     const { against } = this.app.store.view;
     const others = against.kind === "version" && against.version !== verb.version ? [against.version] : [];
@@ -189,7 +182,7 @@ export class Maps {
     const on = chosen.includes(method);
     const others = on ? chosen.filter((each) => each !== method) : [...chosen, method];
     const ordered = this.verb?.methods.filter((each) => others.includes(each)) ?? [];
-    const onclick = () => ordered.length > 0 && this.choose(ordered);
+    const onclick = () => ordered.length > 0 && this.app.store.change({ maps: ordered });
     return h("button", { type: "button", className: "chip", "aria-pressed": String(on), onclick }, methodName(method));
   }
 

@@ -33,6 +33,8 @@ function zip(members: readonly Member[], comment = ""): Blob {
   const size = directory.reduce((sum, { length }) => sum + length, 0);
   const tail = Buffer.alloc(22);
   tail.write("PK\x05\x06", "latin1");
+  tail.writeUInt16LE(members.length, 8);
+  tail.writeUInt16LE(members.length, 10);
   tail.writeUInt32LE(size, 12);
   tail.writeUInt32LE(at, 16);
   tail.writeUInt16LE(comment.length, 20);

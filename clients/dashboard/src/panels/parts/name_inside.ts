@@ -1,14 +1,10 @@
 /** The name of the verb in a file that is to be uploaded; null where it cannot be read here (the server says why). */
 
+import { unzipSync } from "fflate";
+
 const LONGEST_HEADER = 16 * 1024 * 1024;
 const LONGEST_TOML = 1024 * 1024;
-const END = 0x06054b50;
-const ENTRY = 0x02014b50;
-const ENTRY_BYTES = 46;
-const END_BYTES = 22;
-const LONGEST_COMMENT = 65_535;
-const STORED = 0;
-const DEFLATED = 8;
+const TOML = /^(?!__MACOSX\/)(.*\/)?verb\.toml$/;
 
 export async function nameInside(file: Blob): Promise<string | null> {
   try {
@@ -35,37 +31,14 @@ function nameInToml(text: string): string | null {
   return found?.[1] ?? found?.[2] ?? null;
 }
 
-/** `verb.toml` out of a zip. Source: PKWARE, APPNOTE.TXT, sections 4.3.7, 4.3.12 and 4.3.16. */
+/** `verb.toml` out of a zip. */
 async function tomlOf(file: Blob): Promise<string> {
-  const from = Math.max(0, file.size - END_BYTES - LONGEST_COMMENT);
-  const tail = await view(file, from, file.size - from);
-  let end = tail.byteLength - END_BYTES;
-  while (end > 0 && tail.getUint32(end, true) !== END) end--;
-  const [size, start] = [tail.getUint32(end + 12, true), tail.getUint32(end + 16, true)];
-  const directory = await view(file, start, size);
-  for (let at = 0; at + ENTRY_BYTES <= size && directory.getUint32(at, true) === ENTRY; ) {
-    const lengths = [28, 30, 32].map((field) => directory.getUint16(at + field, true));
-    const [nameLength = 0] = lengths;
-    const name = new TextDecoder().decode(new Uint8Array(directory.buffer, at + ENTRY_BYTES, nameLength));
-    if (/^(?!__MACOSX\/)(.*\/)?verb\.toml$/.test(name)) return content(file, directory, at);
-    at += ENTRY_BYTES + lengths.reduce((sum, each) => sum + each, 0);
-  }
-  throw new Error("the archive holds no verb.toml");
-}
-
-async function content(file: Blob, directory: DataView, at: number): Promise<string> {
-  const method = directory.getUint16(at + 10, true);
-  const [packed, full, local] = [20, 24, 42].map((field) => directory.getUint32(at + field, true)) as [
-    number,
-    number,
-    number,
-  ];
-  if (full > LONGEST_TOML || (method !== STORED && method !== DEFLATED)) throw new Error("it is packed unusually");
-  const head = await view(file, local, 30);
-  const from = local + 30 + head.getUint16(26, true) + head.getUint16(28, true);
-  const bytes = file.slice(from, from + packed);
-  if (method === STORED) return bytes.text();
-  return new Response(bytes.stream().pipeThrough(new DecompressionStream("deflate-raw"))).text();
+  const found = unzipSync(new Uint8Array(await file.arrayBuffer()), {
+    filter: ({ name, originalSize }) => TOML.test(name) && originalSize <= LONGEST_TOML,
+  });
+  const [content] = Object.values(found);
+  if (!content) throw new Error("the archive holds no verb.toml");
+  return new TextDecoder().decode(content);
 }
 
 async function view(file: Blob, from: number, length: number): Promise<DataView> {

@@ -10,7 +10,7 @@ type Adverb = Verb["adverbs"][number];
 const STEPS = 200;
 
 export function adverbs(page: Page): HTMLElement {
-  const rows = h("div", { className: "adverbs" });
+  const rows = h("div", { className: "adverbs" }, h("p", { className: "quiet" }, "Loading…"));
   let show = () => {};
   page.on("verb", (verb) => {
     const made = verb.adverbs.map((adverb) => row(page, adverb));

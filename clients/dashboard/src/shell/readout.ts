@@ -16,12 +16,16 @@ export function readout(page: Page): HTMLElement {
   const state = h("div", { className: "state" });
   const other = h("div", { className: "other", hidden: true });
   const facts = h("dl", { className: "facts" });
+  const head = h("div", { className: "figure" }, error, h("span", { className: "caption" }, "from the goal"));
+  const about = { className: "readout", "aria-label": "What is reached", hidden: true };
+  const element = h("section", about, head, state, other, facts);
   let due = 0;
   const show = (shown: Shown) => {
     if (performance.now() < due) return;
     due = performance.now() + EVERY_MS;
     const { verb } = page;
     if (!verb) return;
+    element.hidden = false;
     error.textContent = errorText(verb, shown.error);
     const [word, text] = stateOf(shown);
     state.dataset.state = word;
@@ -38,8 +42,7 @@ export function readout(page: Page): HTMLElement {
     other.hidden = true;
     due = 0;
   });
-  const head = h("div", { className: "figure" }, error, h("span", { className: "caption" }, "from the goal"));
-  return h("section", { className: "readout", "aria-label": "What is reached" }, head, state, other, facts);
+  return element;
 }
 
 function stateOf({ error, clamped }: Shown): readonly [string, string] {

@@ -53,6 +53,7 @@ function scrubber(page: Page): HTMLElement {
     range.style.setProperty("--done", String(phase));
     range.ariaValueText = `phase ${phase.toFixed(2)}`;
   };
+  show(0);
   page.on("verb", (verb) => marks.replaceChildren(...keytimeMarks(page, verb)));
   page.on("frame", ({ phase, time_s, duration_s }) => {
     if (page.store.view.playing || document.activeElement !== range) show(phase);
@@ -87,6 +88,7 @@ function holdButton(page: Page): HTMLElement {
   const button = h("button", {
     type: "button",
     className: "hold",
+    hidden: true,
     onclick: () => {
       const phase = page.verb && effectorPhase(page.verb);
       if (phase === null) return;

@@ -95,14 +95,15 @@ class Demand:
             self._noted.append((entry, adverbs, errors))
 
     def look_at(self, groups: Iterable[Group]) -> None:
-        """Note what the characters of streams, or some of many, are asked for now; nobody told how far off they are."""
+        """Note what the characters of streams, or some of many, are asked for now, and how far they are from it."""
         self._looks += 1
         for group in groups:
             taken = group.characters.taken()
             if len(taken):
                 step = -(-len(taken) // MAX_LOOKED)
                 taken = taken[self._looks % step :: step]
-                self.ask(group.entry, group.characters.asked[taken], rows=len(taken))
+                people = group.characters
+                self.ask(group.entry, people.asked[taken], people.errors(taken), rows=len(taken))
 
     def take(self) -> list[Noted]:
         """What was noted since the last time."""

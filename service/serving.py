@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import anyio
+import numpy as np
 import structlog
 from starlette.requests import Request
 
@@ -148,9 +149,10 @@ class Serving:
                 self.offer(now)
 
     def asked(self, entry: Entry, adverbs: Adverbs, blend: Blend, *, rows: int = 1) -> None:
-        """Note what was answered; errors count where it was by the version that is served."""
+        """Note what was answered; errors count where it was by the version that is served, and inside the domain."""
         current = self.catalog is not None and self.catalog.entries.get(entry.verb.name) is entry
-        self.demand.ask(entry, adverbs, blend.error if current else None, rows=rows)
+        errors = np.where(blend.clamped, np.nan, blend.error) if current else None
+        self.demand.ask(entry, adverbs, errors, rows=rows)
 
     def offer(self, catalog: Catalog) -> None:
         """Answer for these verbs from now on."""

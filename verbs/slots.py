@@ -53,6 +53,11 @@ class Slots:
         """Slots of all characters, in order."""
         return np.flatnonzero(self._used)
 
+    def errors(self, slots: I64) -> F64:
+        """How far off what was asked (B,) they are shown, metres; NaN before its first frame and out of the domain."""
+        told = (self._known[slots] == 1) & (self._clamped[slots] == 0.0)
+        return np.where(told, self._error[slots], np.nan)
+
     def remove(self, slot: int) -> None:
         """Forget a character; its slot will be another's."""
         self._free.append(slot)

@@ -10,6 +10,7 @@ from service.catalog import Entry
 from service.demand import ERRORS_HALF_LIFE_S, FORGET_S, MAX_LOOKED, Demand
 from service.stream.channel import Group
 from service.worker.traffic import CELLS, HALF_LIFE_S, cells_of, together
+from tests.service.conftest import app_of, client_of
 from verbs.measure.domain import random_points
 from verbs.measure.report import diagonal
 
@@ -125,8 +126,33 @@ def test_characters_of_streams_are_looked_at(arm):
         group.characters.remove(slot)
     demand.look_at([group, Group(arm, "rbf")])
     seen = counted(demand)["arm3"]
-    assert (total(seen), seen.answers) == (15, 0)
+    assert (total(seen), seen.answers) == (15, 0)  # nobody has seen any of them yet
     assert seen.told()["cells"] == cells_of(arm.verb, some(arm, 20)[5:])["cells"]
+
+
+def test_how_far_off_characters_are_counts_but_for_those_asked_outside(arm):
+    group, demand = Group(arm, "rbf"), Demand()
+    inside = some(arm, 8)
+    for row in (*inside, [50.0, 50.0]):
+        group.characters.add(np.asarray(row))
+    group.characters.step(group.characters.taken(), 0.02)
+    demand.look_at([group])
+    seen = counted(demand)["arm3"]
+    assert (total(seen), seen.answers) == (9, 8)
+    off = arm.evaluator.blend(inside, method="rbf").error
+    assert seen.error == pytest.approx(off.mean() / diagonal(arm.verb), rel=1e-6)
+
+
+@pytest.mark.anyio
+async def test_of_requests_those_inside_the_domain_have_errors_that_count(catalog):
+    app = app_of(catalog)
+    app.state.serving.demand = demand = Demand()
+    async with client_of(app) as client:
+        for x in (0.4, 0.5, 50.0):
+            answer = await client.post("/v1/verbs/arm3/pose", json={"adverbs": {"x": x, "y": 0.2}, "method": "rbf"})
+            assert answer.json()["clamped"] == (x == 50.0)
+    seen = counted(demand)["arm3"]
+    assert (total(seen), seen.answers) == (3, 2)
 
 
 def test_of_a_crowd_some_are_noted_at_a_time_and_all_in_turn(arm):

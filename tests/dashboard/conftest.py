@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
@@ -16,7 +16,7 @@ import pytest
 PROJECT = Path(__file__).parents[2]
 STATIC = PROJECT / "service" / "static" / "index.html"
 CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
-PATIENCE_S = 90.0
+PATIENCE_S = 240.0
 
 FLAGS = [
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic"),
@@ -41,14 +41,18 @@ class Service:
             cwd=PROJECT,
             env={**os.environ, "ADVERB_REFINERS": "1"},
         )
-        end = time.monotonic() + PATIENCE_S
+        end, told = time.monotonic() + PATIENCE_S, ""
         while time.monotonic() < end:
-            with suppress(httpx.HTTPError):
-                if httpx.get(f"{self.url}/readyz", timeout=5).status_code == 200:
+            try:
+                answer = httpx.get(f"{self.url}/readyz", timeout=5)
+                if answer.status_code == 200:
                     return self
+                told = answer.text
+            except httpx.HTTPError as err:
+                told = repr(err)
             assert self.process.poll() is None, "the server ended"
             time.sleep(0.1)
-        raise AssertionError("the server never became ready")
+        raise AssertionError(f"the server never became ready: {told}")
 
     def kill(self):
         if self.process is not None:
@@ -59,7 +63,7 @@ class Service:
     def stop(self):
         if self.process is not None:
             self.process.terminate()
-            self.process.wait(30)
+            self.process.wait(PATIENCE_S)
             self.process = None
 
 

@@ -97,7 +97,7 @@ def cluster(tmp_path_factory) -> Iterator[SimpleNamespace]:
         yield SimpleNamespace(a=servers[0], b=servers[1], workers=workers, database=shared["ADVERB_DATABASE_URL"])
         for process in started:
             process.terminate()
-        codes = [process.wait(timeout=30) for process in started]
+        codes = [process.wait(timeout=PATIENCE_S) for process in started]
         assert set(codes) <= {0, -signal.SIGKILL}
     finally:
         for process in started:

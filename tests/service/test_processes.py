@@ -86,7 +86,7 @@ def stays(stream) -> bool:
     """Whether a stream's server lives: it answers a ping."""
     try:
         stream.send('{"op": "ping", "t": 1}')
-        while json.loads(stream.recv(timeout=10.0))["op"] != "pong":
+        while json.loads(stream.recv(timeout=PATIENCE_S))["op"] != "pong":
             pass
     except ConnectionClosed:
         return False
@@ -128,12 +128,12 @@ def test_two_processes_count_as_one_and_outlive_each_other(running):
         until(lambda: len(answering(running)) == 2)
 
         running.process.send_signal(signal.SIGTERM)
-        assert running.process.wait(timeout=30) == 0
+        assert running.process.wait(timeout=PATIENCE_S) == 0
         for stream in alive:
-            while json.loads(stream.recv(timeout=10.0))["op"] != "drain":
+            while json.loads(stream.recv(timeout=PATIENCE_S))["op"] != "drain":
                 pass
             with pytest.raises(ConnectionClosed) as closed:
-                stream.recv(timeout=10.0)
+                stream.recv(timeout=PATIENCE_S)
             assert closed.value.rcvd.code == 1012
     assert all(gone(pid) for pid in running.pids())
     with pytest.raises(httpx.ConnectError):

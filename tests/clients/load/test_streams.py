@@ -24,7 +24,7 @@ def server():
 
 def script(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, str(LOAD / "streams.py"), *arguments], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, str(LOAD / "streams.py"), *arguments], capture_output=True, text=True, timeout=180, check=False
     )
 
 

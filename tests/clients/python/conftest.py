@@ -48,7 +48,7 @@ async def stream(fake: FakeServer):
         yield stream
 
 
-async def until(true: Callable[[], object], within_s: float = 5.0) -> None:
+async def until(true: Callable[[], object], within_s: float = 30.0) -> None:
     """Let the loop run until something is true."""
     end = time.monotonic() + within_s
     while not true():
@@ -56,7 +56,7 @@ async def until(true: Callable[[], object], within_s: float = 5.0) -> None:
         await asyncio.sleep(0.005)
 
 
-async def next_note(stream: Stream, kind: type, within_s: float = 5.0):
+async def next_note(stream: Stream, kind: type, within_s: float = 30.0):
     """The next note of a kind; those before it are passed over."""
     async with asyncio.timeout(within_s):
         async for note in stream:

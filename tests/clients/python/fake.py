@@ -295,9 +295,9 @@ def running_aside(verbs: dict[str, FakeVerb] | None = None):
 
     thread = threading.Thread(target=asyncio.run, args=(main(),), daemon=True)
     thread.start()
-    assert started.wait(5.0)
+    assert started.wait(60.0)
     try:
         yield box["fake"], box["loop"]
     finally:
         box["loop"].call_soon_threadsafe(box["stop"].set)
-        thread.join(5.0)
+        thread.join(60.0)

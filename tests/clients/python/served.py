@@ -39,4 +39,4 @@ def serving(catalog: Catalog) -> Iterator[str]:
             yield f"http://127.0.0.1:{listener.getsockname()[1]}"
         finally:
             server.should_exit = True
-            thread.join(20.0)
+            thread.join(60.0)

@@ -27,7 +27,7 @@ def publish_many(place: Place, folder: Path, name: str, count: int, barrier: Any
     """Publish different artifacts as fast as it goes, once everybody is ready."""
     store = place.open(timeout_s=30.0)
     file = folder / f"{name}.verb"
-    barrier.wait(30)
+    barrier.wait(120)
     for k in range(count):
         file.write_text(f"{name} {k}")
         store.publish("reach", file, who=name, why="race", quality={})
@@ -57,7 +57,7 @@ def publish_when_told(place: Place, file: Path, told: Any, times: Any) -> None:
 
 def open_once(place: Place, barrier: Any, results: Any) -> None:
     """Open a store that nobody has opened before, at the same time as others."""
-    barrier.wait(30)
+    barrier.wait(120)
     store: Store = place.open(timeout_s=30.0)
     results.put(store.current())
     store.close()

@@ -85,5 +85,5 @@ class Postgres:
 
     def _call(self, program: str, *arguments: str) -> None:
         subprocess.run(
-            [self._bin / program, *arguments], cwd="/", check=True, stdout=subprocess.DEVNULL, timeout=60, **self._user
+            [self._bin / program, *arguments], cwd="/", check=True, stdout=subprocess.DEVNULL, timeout=180, **self._user
         )

@@ -17,7 +17,7 @@ def test_two_processes_that_publish_one_name_get_all_numbers(place, tmp_path):
     barrier = PROCESSES.Barrier(2)
     children = [start(publish_many, place, tmp_path, name, 20, barrier) for name in ("left", "right")]
     for child in children:
-        child.join(50)
+        child.join(120)
         assert child.exitcode == 0
     store = place.open()
     versions = store.versions("reach")
@@ -33,9 +33,9 @@ def test_two_processes_that_publish_one_name_get_all_numbers(place, tmp_path):
 def test_processes_may_open_a_new_store_at_once(place):
     barrier, results = PROCESSES.Barrier(4), PROCESSES.Queue()
     children = [start(open_once, place, barrier, results) for _ in range(4)]
-    assert [results.get(timeout=30) for _ in children] == [{}] * 4
+    assert [results.get(timeout=120) for _ in children] == [{}] * 4
     for child in children:
-        child.join(10)
+        child.join(60)
         assert child.exitcode == 0
 
 
@@ -46,7 +46,7 @@ def test_a_publisher_killed_at_any_step_leaves_no_half_version(place, artifact, 
     second = tmp_path / "second.verb"
     second.write_text("two" * 1000)
     child = start(publish_and_die, place, second, step)
-    child.join(30)
+    child.join(120)
     assert child.exitcode == -signal.SIGKILL
     assert store.current() == {"reach": first}
     assert store.versions("reach") == [first]

@@ -67,16 +67,16 @@ def test_of_cancelling_and_publishing_one_happens(place, store, artifact):
         barrier = threading.Barrier(2)
 
         def cancel(id=f"j{k}", barrier=barrier):
-            barrier.wait(30)
+            barrier.wait(120)
             with suppress(JobEnded):
                 other.update_job(id, state="cancelled")
 
         thread = threading.Thread(target=cancel)
         thread.start()
-        barrier.wait(30)
+        barrier.wait(120)
         with suppress(JobEnded):
             store.publish("reach", file, who="test", why="", quality={}, ends=f"j{k}")
-        thread.join(30)
+        thread.join(120)
         job = store.job(f"j{k}")
         published += job.state == "published"
         assert job.version_after == (published if job.state == "published" else None)

@@ -41,7 +41,7 @@ async def test_what_another_process_publishes_is_noticed_within_a_second(place, 
             assert found == number
             assert noticed - published < 1.0
     mine.send(False)
-    child.join(10)
+    child.join(60)
     assert child.exitcode == 0
     store.close()
 

@@ -21,7 +21,7 @@ from service.stream import packing
 
 HEADER = struct.Struct("<BBHIQI")
 HEAD = struct.Struct("<HBBI4f")
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 class Server:

@@ -46,10 +46,11 @@ async def test_a_new_version_appears_between_two_frames(serve, catalog):
     flagged = [record for record in records if record.flags & NEW_VERSION]
     assert [record.version for record in flagged] == [2]
     assert flagged[0].flags & IN_TRANSITION
-    phases = [record.phase for record in records]
-    assert np.diff(phases).std() < 0.2 * np.diff(phases).mean()
-    steps = [np.abs(a.rotations - b.rotations).max() for a, b in pairwise(records)]
-    assert max(steps) < 3 * np.median(steps) + 0.01
+    passed_s = np.diff([frame.time_ns for frame in client.frames]) / 1e9  # a busy machine misses ticks
+    pace = np.diff([record.phase for record in records]) / passed_s
+    assert pace.std() < 0.2 * pace.mean()
+    speeds = [np.abs(a.rotations - b.rotations).max() for a, b in pairwise(records)] / passed_s
+    assert max(speeds) < 3 * np.median(speeds) + 0.6
     assert all(frame.of(2).version == 1 for frame in client.frames if frame.of(2))
     assert np.all(np.diff([frame.sequence for frame in client.frames]) == 1)
 

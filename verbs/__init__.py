@@ -1,11 +1,15 @@
 """Adverb's library: verbs as Rose, Sloan and Cohen describe them, exact and smooth at once."""
 
-from verbs.characters import Characters, Frames
-from verbs.errors import VerbError
-from verbs.evaluate import Blend, Evaluator, Poses
-from verbs.motion import Motion
-from verbs.skeleton import Skeleton
-from verbs.verb import Adverb, Basis, Chart, Domain, Measure, Verb
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from verbs.characters import Characters, Frames
+    from verbs.errors import VerbError
+    from verbs.evaluate import Blend, Evaluator, Poses
+    from verbs.motion import Motion
+    from verbs.skeleton import Skeleton
+    from verbs.verb import Adverb, Basis, Chart, Domain, Measure, Verb
 
 __all__ = [
     "Adverb",
@@ -23,3 +27,25 @@ __all__ = [
     "Verb",
     "VerbError",
 ]
+
+_MODULES = {
+    "characters": ("Characters", "Frames"),
+    "errors": ("VerbError",),
+    "evaluate": ("Blend", "Evaluator", "Poses"),
+    "motion": ("Motion",),
+    "skeleton": ("Skeleton",),
+    "verb": ("Adverb", "Basis", "Chart", "Domain", "Measure", "Verb"),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for when it is: Numba and SciPy take seconds, and `adverb --help` needs neither."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,6 +1,7 @@
 """The command ``adverb``: build, inspect, ask, measure, refine and export verbs, and draw the papers' figures.
 
-Results go to stdout, everything else to stderr.
+Results go to stdout, everything else to stderr. What computes is imported by the commands that need it: it takes
+seconds, and `--help` none.
 """
 
 from __future__ import annotations
@@ -11,22 +12,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
-from verbs import artifact, describe, library, sequence
-from verbs import refine as refining
-from verbs.blend.methods import METHODS, default_method, usable
-from verbs.build.fit import Built, build
 from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
-from verbs.evaluate import Evaluator
-from verbs.io import bvh
-from verbs.measure.report import Figures, measure, recommend
-from verbs.verb import Verb
+
+if TYPE_CHECKING:
+    from verbs.build.fit import Built
+    from verbs.measure.report import Figures
+    from verbs.verb import Verb
 
 __all__ = ["app", "main", "run"]
 
@@ -44,7 +42,8 @@ out = Console(highlight=False, width=None if sys.stdout.isatty() else 120)  # fi
 VerbArgument = Annotated[str, typer.Argument(metavar="VERB", help="A built-in name, a .verb file, or a source folder.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 At = Annotated[str, typer.Option("--at", metavar="NAME=VALUE,…", help="Adverbs, e.g. x=-0.3,y=1.2,z=0.4.")]
-MethodOption = Annotated[str | None, typer.Option("--method", help=f"One of {', '.join(METHODS)}.")]
+METHODS = "rbf, perdof, search, refined, hybrid, barycentric, knn, inverse, corrected"
+MethodOption = Annotated[str | None, typer.Option("--method", help=f"One of {METHODS}.")]
 
 
 def main() -> None:
@@ -68,10 +67,14 @@ def _plain(text: str) -> str:
 
 def open_verb(name: str) -> Verb:
     """A verb by built-in name, ``.verb`` file or source folder."""
+    from verbs import artifact, library
+
     path = Path(name)
     if name in library.names():
         return library.load(name)
     if path.is_dir():
+        from verbs.build.fit import build
+
         with _progress() as say:
             return build(path, progress=say).verb
     if path.exists():
@@ -122,6 +125,9 @@ def build_command(
 
     Example: [bold]adverb build mocap/reach -o reach.verb[/]
     """
+    from verbs import artifact
+    from verbs.build.fit import build
+
     with _progress() as say:
         built = build(folder, progress=say)
     path = output or Path(f"{built.verb.name}.verb")
@@ -169,6 +175,9 @@ def info_command(verb: VerbArgument, as_json: Json = False) -> None:
 
     Example: [bold]adverb info reach --json[/]
     """
+    from verbs import describe
+    from verbs.blend.methods import default_method
+
     loaded = open_verb(verb)
     if as_json:
         _print_json(describe.describe(loaded))
@@ -204,6 +213,9 @@ def pose_command(
 
     Example: [bold]adverb pose reach --at x=-0.3,y=1.2,z=0.4 --phase 0.5[/]
     """
+    from verbs import describe
+    from verbs.evaluate import Evaluator
+
     evaluator = Evaluator(open_verb(verb))
     poses = evaluator.pose(parse_at(at), phase=phase, time_s=time, method=method)
     record = describe.pose_record(evaluator, poses, 0)
@@ -226,7 +238,7 @@ def pose_command(
 @app.command("measure")
 def measure_command(
     verb: VerbArgument,
-    method: Annotated[str, typer.Option("--method", help=f"all, or one of {', '.join(METHODS)}.")] = "all",
+    method: Annotated[str, typer.Option("--method", help=f"all, or one of {METHODS}.")] = "all",
     grid: Annotated[int, typer.Option(min=5, max=401, help="Nodes to a side of the smoothness slices.")] = 61,
     feet: Annotated[bool, typer.Option("--feet", help="Also measure how far feet slide while they stand.")] = False,
     as_json: Json = False,
@@ -235,6 +247,9 @@ def measure_command(
 
     Example: [bold]adverb measure reach --method rbf --json[/]
     """
+    from verbs.blend.methods import usable
+    from verbs.measure.report import measure, recommend
+
     loaded = open_verb(verb)
     chosen = list(usable(loaded)) if method == "all" else [method]
     with _progress() as say:
@@ -313,6 +328,9 @@ def refine_command(
 
     Example: [bold]adverb refine arm3 --max-pseudo 100 -o arm3_refined.verb[/]
     """
+    from verbs import artifact
+    from verbs import refine as refining
+
     loaded = open_verb(verb)
     rules = refining.Rules(target_error / 100.0, max_pseudo, seed, radii=radii, planes=planes)
     curve: list[tuple[int, float, float]] = []
@@ -349,6 +367,10 @@ def export_command(
 
     Example: [bold]adverb export reach --at x=-0.3,y=1.2,z=0.4 --format bvh -o reach.bvh[/]
     """
+    from verbs import sequence
+    from verbs.evaluate import Evaluator
+    from verbs.io import bvh
+
     if form != "bvh":
         raise UnknownName("format", form, ("bvh",))
     if output.is_dir():

@@ -1,11 +1,15 @@
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import verbs
 from tests.verbs.sources import arm_source
-from verbs import library
+from verbs import cli, library
+from verbs.blend.methods import METHODS
 from verbs.cli import app, open_verb, parse_at, run
 from verbs.errors import OutOfRange, UnknownName
 from verbs.io import bvh
@@ -100,6 +104,24 @@ def test_wrong_usage_is_exit_code_2():
 
 def test_adverbs_are_read_from_text():
     assert parse_at("x=0.5, y=-1e-3") == {"x": 0.5, "y": -1e-3}
+
+
+def test_help_needs_nothing_that_takes_seconds():
+    code = "import sys, service.cli; print({'numba', 'scipy', 'fastapi', 'dbos'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+
+
+def test_help_names_every_method():
+    assert cli.METHODS.split(", ") == list(METHODS)
+
+
+def test_the_librarys_names_are_those_that_it_gives():
+    for name in verbs.__all__:
+        assert getattr(verbs, name).__name__ == name
+        assert name in dir(verbs)
+    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
+        verbs.Nothing  # noqa: B018
+    assert sorted(verbs._MODULE_OF) == sorted(verbs.__all__)
 
 
 def test_every_command_shows_an_example():

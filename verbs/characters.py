@@ -18,7 +18,7 @@ from verbs.blend.corrected import Corrected
 from verbs.conventions import F64, I64
 from verbs.errors import OutOfRange
 from verbs.evaluate import Blend, Evaluator
-from verbs.kernels import live
+from verbs.kernels import inertia, live
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
 from verbs.slots import Slots
@@ -263,7 +263,7 @@ class Characters(Slots):
             return new  # nobody has seen it yet
         if same:  # whatever is asked of one is asked of both, so compare what is ahead of both
             self._last[new], row[live.FRESH] = other._ahead(slot, passing=True), 0.0
-            live.step_back(self._last[new])
+            inertia.step_back(self._last[new])
         else:
             self._last[new], row[live.FRESH] = other._last[slot], 2.0
             self._stand(new, other.world(slot))
@@ -334,7 +334,7 @@ class Characters(Slots):
         if self.verb.measure.kind == measures.JUMP:
             self._stand(slot, self.world(slot))
         ahead = self._ahead(slot)
-        live.step_back(ahead)  # it has gone on already, by less than a step
+        inertia.step_back(ahead)  # it has gone on already, by less than a step
         self._begin(slot, ahead, RESTART_S)
 
     def _begin(self, slot: int, ahead: F64, transition_s: float) -> None:
@@ -342,7 +342,7 @@ class Characters(Slots):
         row = self.state[slot]
         row[[live.SINCE, live.LENGTH]] = 0.0, transition_s
         if transition_s > 0:
-            live.begin(row[live.STEP], self._last[slot], ahead, self._offsets[slot])
+            inertia.begin(row[live.STEP], self._last[slot], ahead, self._offsets[slot])
         else:
             self._last[slot] = ahead[0]
 
@@ -388,7 +388,7 @@ class Characters(Slots):
             live.walk(slots, state, weights, verb.strides, ends)
         phases = np.ascontiguousarray(ends[:, live.AT])
         poses.blend_single(weights, phases, verb.curves, verb.rotation_mode, verb.references, root, rotations)
-        live.settle(slots, step_s, state, offsets, last, self._striding, root, rotations)
+        inertia.settle(slots, step_s, state, offsets, last, self._striding, root, rotations)
 
     def _follow(self, slots: I64, step_s: float, state: F64, adverbs: F64, blend: Blend) -> None:
         goal, inside = self.evaluator.goal, self.evaluator.clamp(adverbs)[0]

@@ -1,6 +1,6 @@
 """From one verb to the next: whether it can be, at which phase the next one starts, and where its root stands.
 
-How joints pass from one to the other is in :mod:`verbs.kernels.live`.
+How joints pass from one to the other is in :mod:`verbs.kernels.inertia`.
 """
 
 from __future__ import annotations

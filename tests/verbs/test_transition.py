@@ -91,14 +91,11 @@ def test_walking_into_the_start_of_a_verb_is_no_harder_than_the_verbs(from_gaits
         assert from_gaits(gait, target).max() <= 1.2, gait
 
 
-def test_slow_steps_that_end_at_once_are_harder_than_themselves(from_gaits):
-    """A foot in mid-swing has to stop within 0.3 s, and to do so takes v₀ · 3.94 / T: 40 to 50 m/s² at 3.5 m/s, more
-    than a slow gait and a calm verb ever show.
-    """
-    worst = {(gait, target): from_gaits(gait, target).max() for gait in SLOW for target in DONE}
-    calm = {("strafe", "reach"): 1.7, ("curve", "reach"): 1.25, ("curve", "kick"): 1.3}
-    for pair, ratio in worst.items():
-        assert ratio <= calm.get(pair, 1.2), pair
+@pytest.mark.parametrize("target", DONE)
+def test_slow_steps_that_end_at_once_are_no_harder_than_the_verbs(from_gaits, target):
+    """A foot in mid-swing has to stop within 0.3 s, which takes v₀ · 2.5 / T: 29 m/s² at 3.5 m/s."""
+    for gait in SLOW:
+        assert from_gaits(gait, target).max() <= 1.2, gait
 
 
 def mid(people_of, source: str, target: str, starts, ends, **options) -> np.ndarray:
@@ -115,14 +112,10 @@ def mid(people_of, source: str, target: str, starts, ends, **options) -> np.ndar
     return np.concatenate(out)
 
 
-HARD = {
-    ("kick", "locomotion"): 1.65,
-    ("punch", "jump"): 1.3, ("reach", "punch"): 1.3, ("reach", "kick"): 1.55, ("reach", "jump"): 1.6,
-    ("kick", "reach"): 1.95, ("jump", "punch"): 1.95, ("jump", "reach"): 1.5, ("jump", "kick"): 2.0,
-}  # fmt: skip
-"""What was measured where 1.2 is not kept: arms are overhead in mid-jump, 2.6 rad from where they are to be; or a
-calm verb's foot is to be where a kick has it. A quintic over x₀ peaks at 5.77 x₀ / T² and at a speed of 1.9 x₀ / T,
-whatever its axis; with 0.3 s that is more than these verbs need for themselves."""
+HARD = {("kick", "locomotion"): 1.6, ("kick", "reach"): 1.5, ("jump", "punch"): 1.35, ("reach", "kick"): 1.3}
+"""What was measured where 1.2 is not kept: a kick's leg is to stand, a calm verb's is to be where a kick has it, or
+arms are overhead in mid-jump, 2.6 rad from where they are to be. No way over x₀ within T takes less than 4 x₀ / T² and
+x₀ / T; ours takes 4.76 and 1.43, and 0.3 s is then too little."""
 
 
 @pytest.mark.parametrize(("source", "target"), [*itertools.permutations(DONE, 2)])
@@ -141,11 +134,10 @@ def test_from_the_middle_of_a_verb_into_walking_on(people_of, source):
 
 def test_more_time_makes_it_calmer(people_of):
     """Half a second is enough for all but a punch that is begun in its fastest moment with the arms elsewhere."""
-    rest = {("jump", "punch"): 1.65, ("reach", "punch"): 1.6}
     for pair in HARD:
         if "locomotion" not in pair:
             got = mid(people_of, *pair, [0.3, 0.5, 0.7], [0.0, 0.3, 0.5], transition_s=0.5)
-            assert got.max() <= rest.get(pair, 1.2), pair
+            assert got.max() <= (1.4 if pair == ("jump", "punch") else 1.2), pair
 
 
 @pytest.mark.parametrize(
@@ -208,7 +200,8 @@ def test_a_root_goes_on_through_the_world(people_of):
     assert np.linalg.norm(np.diff(root, axis=0), axis=1).max() * FPS < 4.5
     assert np.abs(np.diff(facing)).max() * FPS < 6.0
     for seam in np.cumsum([len(one) for one in roots])[:-1]:
-        assert np.linalg.norm(np.diff(root[seam - 2 : seam + 2], 2, axis=0), axis=1).max() * FPS**2 < 20.0
+        # To stop 2.5 m/s within 0.3 s takes 21 m/s²; a velocity that jumped by 0.5 m/s would show as 30.
+        assert np.linalg.norm(np.diff(root[seam - 2 : seam + 2], 2, axis=0), axis=1).max() * FPS**2 < 28.0
     ways = [one[-1, [0, 2]] - one[0, [0, 2]] for one in roots]
     facing_then = [np.array([np.sin(a), np.cos(a)]) for a in facing[np.cumsum([len(one) for one in roots]) - 1]]
     assert all(way @ ahead > 0.6 for way, ahead in zip(ways, facing_then, strict=True))
@@ -221,7 +214,7 @@ def test_how_far_feet_slide_meanwhile(people_of, target):
     Measured from a walk in 12 phases: how far a toe moves over the floor while it is within 5 cm of it. Punches and
     kicks are begun in a wide stance, so that feet have farther to go.
     """
-    typical, largest = {"punch": (0.46, 0.83), "kick": (0.48, 0.85)}.get(target, (0.30, 0.63))
+    typical, largest = {"punch": (0.46, 0.78), "kick": (0.47, 0.80)}.get(target, (0.30, 0.62))
     people, walk = people_of(target), people_of("locomotion")
     rows = np.tile(two_of(people)[0], (12, 1))
     stages = [(walk, np.tile(GAITS["walk"], (12, 1)), np.arange(12) / 12, 4), (people, rows, None, PASSING)]

@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.verbs.sources import SKELETON
-from verbs.kernels import live, quat
+from verbs.kernels import live
 
 RATE = 1.6783469900166605  # (1 + x) · exp(-x) is one half here
 
@@ -167,85 +166,3 @@ def test_the_way_back_undoes_the_way_there():
     for k in range(len(marks) - 1, 0, -1):
         ends[0, [live.FROM, live.TO]] = marks[k] - np.floor(marks[k]), marks[k - 1] - np.floor(marks[k])
         np.testing.assert_allclose(walked(state, ends, weights, strides), seen[k - 1], atol=1e-12)
-
-
-def turning(rng, joints: int):
-    """A pose function of time: root (1, 3) and rotations (1, J, 4), turning evenly."""
-    start, rates = quat.exp(rng.normal(size=(joints, 3))), 2.0 * rng.normal(size=(joints, 3))
-    place, velocity = rng.normal(size=(2, 3))
-
-    def at(time_s: float):
-        return (place + velocity * time_s)[None], quat.mul(quat.exp(rates * time_s), start)[None]
-
-    return at
-
-
-def passed_over(step_s: float, length: float = 0.3):
-    """Frames (F, 3 + 4·J) that pass from one motion to another, and the number of those before the seam."""
-    rng = np.random.default_rng(3)
-    source, target = turning(rng, len(SKELETON)), turning(rng, len(SKELETON))
-    slot, width = np.zeros(1, np.int64), 3 + 4 * len(SKELETON)
-    state, last, offsets = np.zeros((1, live.COLUMNS)), np.zeros((1, 2, width)), np.zeros((1, 2, width - len(SKELETON)))
-    frames = []
-    before, after = round(0.1 / step_s), round((length + 0.1) / step_s)
-    for k in range(-before, after):
-        if k == 1:
-            ahead = np.array([np.append(*(part.ravel() for part in target(n * step_s))) for n in range(2)])
-            live.begin(step_s, last[0], ahead, offsets[0])
-            state[0, [live.SINCE, live.LENGTH]] = 0.0, length
-        root, rotations = (source if k <= 0 else target)(k * step_s)
-        live.settle(slot, step_s, state, offsets, last, False, root, rotations)
-        frames.append(last[0, 1].copy())
-    assert state[0, live.LENGTH] == 0.0
-    np.testing.assert_allclose(frames[-1], np.append(*(part.ravel() for part in target((after - 1) * step_s))))
-    frames = np.array(frames)
-    quaternions = frames[:, 3:].reshape(len(frames), -1, 4)
-    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=2), 1.0, atol=1e-12)
-    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(2)).cumprod(0)  # q and -q are one rotation
-    quaternions[1:] *= flips[..., None]
-    return np.concatenate([frames[:, :3], quaternions.reshape(len(frames), -1)], axis=1), before
-
-
-def test_a_transition_has_no_jump_in_position_or_velocity():
-    """Steps shrink with the frame's length, and differences between steps with its square, at both seams too."""
-    sizes = []
-    for step_s in (0.01, 0.005, 0.0025):
-        frames, _ = passed_over(step_s)
-        sizes.append((np.abs(np.diff(frames, axis=0)).max(), np.abs(np.diff(frames, 2, axis=0)).max()))
-    for coarse, fine in itertools.pairwise(sizes):
-        assert 1.8 < coarse[0] / fine[0] < 2.2
-        assert 3.5 < coarse[1] / fine[1] < 4.5
-
-
-def test_half_a_turn_goes_the_same_way_as_before():
-    """An offset that grows past half a turn is read as more than half, so that its velocity is the true one."""
-    step_s, rate, last, ahead = 0.01, 3.0, np.zeros((2, 7)), np.zeros((2, 7))
-    ahead[:, 6] = 1.0
-    for row, angle in enumerate((np.pi - 0.02, np.pi + 0.01)):
-        last[row, 3:] = quat.exp(np.array([0.0, angle, 0.0]))
-    offsets = np.empty((2, 6))
-    live.begin(step_s, last, ahead, offsets)
-    np.testing.assert_allclose(np.abs(offsets[0, 4]), np.pi - 0.01, atol=1e-12)
-    np.testing.assert_allclose(offsets[1, 3:], [0.0, rate, 0.0], atol=1e-9)
-
-
-def test_a_step_back_is_as_long_as_the_one_ahead():
-    frames = np.zeros((2, 11))
-    frames[:, :3] = [[0.0, 1.0, 2.0], [0.5, 1.0, 1.0]]
-    vectors = np.array([[[0.0, 0.0, 0.3], [0.1, 0.0, 0.0]], [[0.0, 0.0, 0.4], [0.3, 0.0, 0.0]]])
-    frames[:, 3:] = quat.exp(vectors).reshape(2, 8)
-    live.step_back(frames)
-    np.testing.assert_allclose(frames[:, :3], [[-0.5, 1.0, 3.0], [0.0, 1.0, 2.0]])
-    expected = quat.exp(np.array([[[0.0, 0.0, 0.2], [-0.1, 0.0, 0.0]], vectors[0]])).reshape(2, 8)
-    np.testing.assert_allclose(frames[:, 3:], expected, atol=1e-12)
-
-
-def test_where_a_character_appears_it_does_not_move():
-    """Else a switch right after a seek would carry on the leap."""
-    state, last = np.zeros((1, live.COLUMNS)), np.full((1, 2, 7), 9.0)
-    state[0, live.FRESH] = 1.0
-    root, rotations = np.array([[1.0, 2.0, 3.0]]), np.array([[[0.0, 0.0, 0.0, 1.0]]])
-    live.settle(np.zeros(1, np.int64), 0.1, state, np.zeros((1, 2, 6)), last, False, root, rotations)
-    np.testing.assert_array_equal(last[0, 0], last[0, 1])
-    assert state[0, live.STEP] == 0.1
-    assert state[0, live.FRESH] == 0.0

@@ -4,15 +4,56 @@ from __future__ import annotations
 
 import ipaddress
 import socket
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Callable, Sequence
+from itertools import chain, repeat
 
 from service.settings import Settings
 
-__all__ = ["CannotServe", "check", "greeting", "listen"]
+__all__ = ["CannotServe", "Patience", "check", "greeting", "listen"]
+
+
+PATIENCE_S = (10.0, 20.0, 30.0)
+"""Pauses between words about a long start; the last one again and again."""
 
 
 class CannotServe(Exception):
     """The server cannot start; the message says why and what to do."""
+
+
+class Patience:
+    """Says now and then that a start takes its time, until anything else is said or it is over.
+
+    Parameters
+    ----------
+    say : callable
+        Told so, from a thread.
+    pauses_s : sequence of float
+    """
+
+    def __init__(self, say: Callable[[str], None], pauses_s: Sequence[float] = PATIENCE_S) -> None:
+        self._say, self._pauses_s, self._over = say, pauses_s, threading.Event()
+        self._thread = threading.Thread(target=self._wait, name="patience", daemon=True)
+        self._thread.start()
+
+    def say(self, text: str) -> None:
+        """Say something else."""
+        self.end()
+        self._say(text)
+
+    def end(self) -> None:
+        """Say no more."""
+        self._over.set()
+        self._thread.join()
+
+    def _wait(self) -> None:
+        started_s, why = time.monotonic(), "; kernels are compiled at the first start, which takes a minute or two"
+        for pause_s in chain(self._pauses_s, repeat(self._pauses_s[-1])):
+            if self._over.wait(pause_s):
+                return
+            self._say(f"starting, {time.monotonic() - started_s:.0f} s so far{why}")
+            why = ""
 
 
 def listen(settings: Settings, *, shared: bool = False) -> socket.socket:

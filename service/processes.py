@@ -26,7 +26,7 @@ import structlog
 
 from service import logs
 from service.children import FIRST_PAUSE_S, LONGEST_PAUSE_S, SOUND_S, supervise
-from service.listen import CannotServe, check, greeting, listen
+from service.listen import CannotServe, Patience, check, greeting, listen
 from service.settings import Settings
 
 __all__ = ["main", "serve"]
@@ -47,7 +47,8 @@ def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
     ----------
     settings : Settings
     say : callable
-        Told, once, which files cannot be used and where the server is, when every process is ready.
+        Told which files cannot be used and where the server is, when every process is ready; before that, now and then,
+        that it takes long.
 
     Raises
     ------
@@ -61,7 +62,11 @@ def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
         # Nobody else may take the port, and ours may share it. It does not listen, so no connection comes here.
         placeholder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         logs.configure(settings)
-        asyncio.run(_Server(settings, placeholder, Path(metrics), say).run())
+        patience = Patience(say)
+        try:
+            asyncio.run(_Server(settings, placeholder, Path(metrics), patience.say).run())
+        finally:
+            patience.end()
 
 
 class _Server:

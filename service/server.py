@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from service import logs
 from service.app import create_app
 from service.catalog import Catalog
-from service.listen import CannotServe, check, greeting, listen
+from service.listen import CannotServe, Patience, check, greeting, listen
 from service.settings import Settings
 from service.sockets import Sockets
 from service.stream.hub import Hub
@@ -37,7 +37,7 @@ def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
     settings : Settings
         More than one of ``workers`` is :mod:`service.processes`' business.
     say : callable
-        Told, once, where the server is, and which files it could not use.
+        Told where the server is, and which files it could not use; before that, now and then, that it takes long.
 
     Raises
     ------
@@ -47,12 +47,16 @@ def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
     check(settings)
     listener = listen(settings)
     logs.configure(settings)
+    patience = Patience(say)
 
     def ready(catalog: Catalog) -> None:
         for line in greeting(listener, len(catalog.entries), [(row.file, row.problem) for row in catalog.skipped]):
-            say(line)
+            patience.say(line)
 
-    run(settings, listener, on_ready=ready)
+    try:
+        run(settings, listener, on_ready=ready)
+    finally:
+        patience.end()
 
 
 def run(settings: Settings, listener: socket.socket, *, on_ready: Callable[[Catalog], None]) -> None:

@@ -13,6 +13,9 @@ PAGE := $(if $(HAS_NPM),$(STATIC),no-dashboard)
 DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.json package-lock.json vite.config.ts)) \
 	$(shell find $(DASHBOARD)/src -type f 2>/dev/null)
 
+# Kernels are compiled once, and again where one of them changed.
+WARM := $(NUMBA_CACHE_DIR)/.warm
+
 .PHONY: help setup serve dashboard test lint types lock generate load bench-streams bench-refine bench clean
 
 help:  ## list the targets
@@ -35,8 +38,13 @@ else
 endif
 	@touch $@
 
-serve: setup $(PAGE)  ## start the server on 127.0.0.1:8000 (ADVERB_PORT, ADVERB_DATA, … are honoured)
+serve: setup $(PAGE) $(WARM)  ## start the server on 127.0.0.1:8000 (ADVERB_PORT, ADVERB_DATA, … are honoured)
 	@exec $(BIN)/adverb serve
+
+$(WARM): $(VENV)/.ready $(wildcard verbs/kernels/*.py) service/stream/packing.py
+	@echo "setup: compiling kernels (about a minute, once)"
+	@$(BIN)/python -m service.warm
+	@touch $@
 
 dashboard: $(DASHBOARD)/node_modules  ## build the dashboard, which the server gives at /
 	@npm --prefix $(DASHBOARD) run --silent build -- --logLevel warn
@@ -56,9 +64,7 @@ $(DASHBOARD)/node_modules: $(DASHBOARD)/package-lock.json
 	@npm --prefix $(DASHBOARD) ci --silent --no-audit --no-fund
 	@touch $@
 
-test: setup $(PAGE)  ## run the whole test suite
-	@echo "test: compiling kernels, a minute or two the first time"
-	@$(BIN)/python -m service.warm
+test: setup $(PAGE) $(WARM)  ## run the whole test suite
 	@$(BIN)/python -m pytest -n 2 --dist loadgroup
 	@$(if $(HAS_NPM),npm --prefix $(DASHBOARD) test --silent,echo "test: without npm, the dashboard's own tests are left out")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from pathlib import Path
 from typing import Annotated, Any
@@ -79,6 +80,7 @@ def worker_command(
     if folder is not None and not folder.is_dir() and None in (settings.database_url, settings.artifact_url):
         typer.echo(f"error: the data folder {folder} does not exist; name the server's (--data)", err=True)
         raise typer.Exit(USER_ERROR)
+    os.nice(nice)  # before what follows takes its seconds
     from service import logs
     from service.store.records import StoreError
     from service.worker import main as worker
@@ -90,7 +92,6 @@ def worker_command(
             settings.database,
             settings.artifacts,
             executor_id=name or platform.node() or "worker",
-            nice=nice,
             parent=parent,
             say=lambda text: typer.echo(text, err=True),
         )

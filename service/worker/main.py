@@ -49,7 +49,6 @@ def run(
     artifacts: str,
     *,
     executor_id: str,
-    nice: int = 10,
     poll_s: float = 1.0,
     step_s: float = STEP_S,
     cache: Path | None = None,
@@ -64,8 +63,6 @@ def run(
         The store's.
     executor_id : str
         Name of this worker, the same after a restart and no other's.
-    nice : int
-        By how much to lower this process's priority.
     poll_s : float
         How often to look for jobs of dead workers, seconds.
     step_s : float
@@ -84,7 +81,6 @@ def run(
     StoreError
         The database or the artifacts cannot be used.
     """
-    os.nice(nice)
     asked_to_stop = threading.Event()
 
     def stop(number: int, frame: FrameType | None) -> None:

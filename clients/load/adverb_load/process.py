@@ -18,6 +18,10 @@ START_S = 240.0
 """Longest wait for a server; its kernels may have to be compiled first."""
 
 
+_CORES = os.sched_getaffinity(0)
+"""Cores that there were at the start, before anything was pinned."""
+
+
 class CannotStart(Exception):
     """The server did not start; the message has its last words."""
 
@@ -74,9 +78,10 @@ class Served:
 
 @contextmanager
 def pinned(core: int) -> Iterator[None]:
-    """Run on one core; what is started meanwhile stays there."""
+    """Run on one core, if there is such a one; what is started meanwhile stays there."""
     before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {core} if core in before else before)
+    if core in _CORES:
+        os.sched_setaffinity(0, {core})
     try:
         yield
     finally:

@@ -35,7 +35,7 @@ def work(database_url: str, artifacts: str, executor_id: str, log: str, errors: 
         logger_factory=structlog.PrintLoggerFactory(file),
     )
     jobs.go_on = slowly
-    run(database_url, artifacts, executor_id=executor_id, nice=0, poll_s=0.5, step_s=0.0, say=lambda text: None)
+    run(database_url, artifacts, executor_id=executor_id, poll_s=0.5, step_s=0.0, say=lambda text: None)
 
 
 def slowly(*arguments, **options) -> Course:

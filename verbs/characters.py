@@ -7,11 +7,10 @@ on, poses come out, in a handful of compiled calls however many characters there
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from verbs import transition
 from verbs.blend.corrected import Corrected
@@ -21,7 +20,7 @@ from verbs.evaluate import Blend, Evaluator
 from verbs.kernels import inertia, live
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
-from verbs.slots import Slots
+from verbs.slots import Frames, Slots
 
 __all__ = ["HALF_LIFE_S", "MAX_SPEED", "MAX_TRANSITION_S", "RESTART_S", "VERSION_S", "Characters", "Frames"]
 
@@ -35,29 +34,6 @@ RESTART_S = 0.3
 
 _HALVED = 1.6783469900166605
 """Where (1 + x) · exp(-x) is one half: a critically damped spring from rest has gone half its way."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frames:
-    """One frame of B characters.
-
-    Parameters
-    ----------
-    blend : Blend
-    ends : (B, 8) float64
-        Phase, seconds and more, see :mod:`verbs.kernels.live`.
-    root : (B, 3) float64
-        In the world, metres.
-    rotations : (B, J, 4) float64
-        Local; the root's in the world.
-    in_transition : (B,) bool
-    """
-
-    blend: Blend
-    ends: F64
-    root: F64
-    rotations: F64
-    in_transition: npt.NDArray[np.bool_]
 
 
 class Characters(Slots):
@@ -203,8 +179,8 @@ class Characters(Slots):
         adverbs, blend = self._blend(slots, step_s)
         ends = np.empty((size, live.REPORTS))
         self._advance(slots, step_s, self.state, blend.weights, ends)
-        for b in np.flatnonzero(ends[:, live.RESTARTED]):
-            self._restart(int(slots[b]), step_s)
+        if len(over := np.flatnonzero(ends[:, live.RESTARTED])):
+            self._restart(slots[over], step_s)
         if self._hold and live.any_held(slots, self.state):
             self._follow(slots, step_s, self.state, adverbs, blend)
         root, rotations = np.empty((size, 3)), np.empty((size, len(self.verb.skeleton), 4))
@@ -262,12 +238,12 @@ class Characters(Slots):
         if was[live.FRESH] == 1.0 and was[live.STEP] == 0.0:
             return new  # nobody has seen it yet
         if same:  # whatever is asked of one is asked of both, so compare what is ahead of both
-            self._last[new], row[live.FRESH] = other._ahead(slot, passing=True), 0.0
+            self._last[new], row[live.FRESH] = other._ahead(np.array([slot]), passing=True)[0], 0.0
             inertia.step_back(self._last[new])
         else:
             self._last[new], row[live.FRESH] = other._last[slot], 2.0
             self._stand(new, other.world(slot))
-        self._begin(new, self._ahead(new), transition_s)
+        self._begin(new, self._ahead(np.array([new]))[0], transition_s)
         return new
 
     def world(self, slot: int) -> tuple[float, float, float]:
@@ -299,6 +275,7 @@ class Characters(Slots):
         goals = chart.points(self.asked[slots])
         count = live.steer(slots, step_s, self.state, goals, self._shown, self._velocity, self._known, points, moved)
         adverbs = chart.adverbs(points)
+        self._seen[slots] = self.asked[slots]
         if count:
             rows = moved[:count]
             fresh = self.evaluator.blend(adverbs[rows], method=self.method)
@@ -306,12 +283,15 @@ class Characters(Slots):
                 self._keep(slots, fresh)
                 return adverbs, fresh
             self._keep(slots[rows], fresh)
-        kept = self._weights[slots], self._measured[slots], self._error[slots], self._clamped[slots] > 0
-        return adverbs, Blend(self.method, *kept)
+        return adverbs, self._kept(slots)
 
     def _keep(self, slots: I64, blend: Blend) -> None:
         self._weights[slots], self._measured[slots] = blend.weights, blend.measured
         self._error[slots], self._clamped[slots] = blend.error, blend.clamped
+
+    def _kept(self, slots: I64) -> Blend:
+        kept = self._weights[slots], self._measured[slots], self._error[slots], self._clamped[slots] > 0
+        return Blend(self.method, *kept)
 
     def _steer_as(self, slot: int, other: Characters, whose: int) -> None:
         """Let a character run after its goal as another of the same adverbs does."""
@@ -324,18 +304,19 @@ class Characters(Slots):
         """Put a character's next frame at a place (x, z, heading)."""
         place = [live.X, live.Z, live.HEADING]
         self.state[slot, place] = 0.0
-        first = self._ahead(slot)[0]
+        first = self._ahead(np.array([slot]))[0, 0]
         turn = 0.0 if self._striding else transition.heading(first[3:7])
         self.state[slot, place] = transition.placed(at, np.array([first[0], first[2], turn]))
 
-    def _restart(self, slot: int, step_s: float) -> None:
-        """Let a motion that started over pass from its end to its start, a jump from where it led."""
-        self.state[slot, live.STEP] = step_s
+    def _restart(self, slots: I64, step_s: float) -> None:
+        """Let motions that started over pass from their ends to their starts, a jump from where it led."""
+        self.state[slots, live.STEP] = step_s
         if self.verb.measure.kind == measures.JUMP:
-            self._stand(slot, self.world(slot))
-        ahead = self._ahead(slot)
-        inertia.step_back(ahead)  # it has gone on already, by less than a step
-        self._begin(slot, ahead, RESTART_S)
+            for slot in slots.tolist():
+                self._stand(slot, self.world(slot))
+        for slot, ahead in zip(slots.tolist(), self._ahead(slots), strict=True):
+            inertia.step_back(ahead)  # it has gone on already, by less than a step
+            self._begin(slot, ahead, RESTART_S)
 
     def _begin(self, slot: int, ahead: F64, transition_s: float) -> None:
         """Start a transition from the last frames to the two of the motion that is ahead."""
@@ -346,26 +327,35 @@ class Characters(Slots):
         else:
             self._last[slot] = ahead[0]
 
-    def _ahead(self, slot: int, *, passing: bool = False) -> F64:
-        """A character's pose now, and a step on (2, 3 + 4·J); without its transition unless ``passing``."""
-        none, rows = np.zeros(1, np.int64), slice(slot, slot + 1)
-        state, shown, velocity = self.state[rows].copy(), self._shown[rows].copy(), self._velocity[rows].copy()
-        step_s, chart = float(state[0, live.STEP]), self.verb.domain.chart
-        state[0, live.LENGTH] *= passing
-        state[0, live.FRESH] = 2.0 if state[0, live.FRESH] > 0 else 0.0  # both frames are steps, the first of 0 s
-        goals, points = chart.points(self.asked[rows]), np.empty_like(shown)
-        ends, root, rotations = np.empty((1, live.REPORTS)), np.empty((1, 3)), np.empty((1, len(self.verb.skeleton), 4))
-        last = np.zeros((1, *self._last.shape[1:]))
-        known, moved, held = none.copy(), none.copy(), False
+    def _ahead(self, slots: I64, *, passing: bool = False) -> F64:
+        """Poses of characters now, and a step on (B, 2, 3 + 4·J); without their transitions unless ``passing``.
+
+        Their last steps were of the same length.
+        """
+        size, verb = len(slots), self.verb
+        state, shown, velocity = self.state[slots], self._shown[slots], self._velocity[slots]
+        step_s, chart, known = float(state[0, live.STEP]), verb.domain.chart, self._known[slots]
+        state[:, live.LENGTH] *= passing
+        fresh = state[:, live.FRESH] > 0
+        state[:, live.FRESH] = 2.0 * fresh  # both frames are steps, the first of 0 s
+        goals, points = chart.points(self.asked[slots]), np.empty_like(shown)
+        ends, root, rotations = (
+            np.empty((size, live.REPORTS)),
+            np.empty((size, 3)),
+            np.empty((size, len(verb.skeleton), 4)),
+        )
+        last, rows, moved = np.zeros((size, *self._last.shape[1:])), np.arange(size), np.empty(size, np.int64)
+        kept, offsets = self._kept(slots), self._offsets[slots]
         for step in (0.0, step_s):
-            if live.steer(none, step, state, goals, shown, velocity, known, points, moved) or held:
-                adverbs = chart.adverbs(points)
-                blend = self.evaluator.blend(adverbs, method=self.method)
-            self._advance(none, step, state, blend.weights, ends)
-            if held := bool(self._hold) and live.any_held(none, state):
-                self._follow(none, step, state, adverbs, blend)
-            self._pose(none, step, state, self._offsets[rows], last, blend.weights, ends, root, rotations)
-        return np.asarray(last[0])
+            if live.steer(rows, step, state, goals, shown, velocity, known, points, moved):
+                kept = self.evaluator.blend(chart.adverbs(points), method=self.method)
+            blend = kept
+            self._advance(rows, step, state, blend.weights, ends)
+            if self._hold and live.any_held(rows, state):
+                blend = replace(kept, weights=kept.weights.copy(), error=kept.error.copy())
+                self._follow(rows, step, state, chart.adverbs(points), blend)
+            self._pose(rows, step, state, offsets, last, blend.weights, ends, root, rotations)
+        return last
 
     def _advance(self, slots: I64, step_s: float, state: F64, weights: F64, ends: F64) -> None:
         verb = self.verb

@@ -1,16 +1,43 @@
-"""Arrays with a row per character: rows are taken, given back, and made more of."""
+"""Arrays with a row per character: rows are taken, given back, and made more of; and what a frame of some is."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import numpy.typing as npt
 
 from verbs.conventions import F64, I64
+from verbs.evaluate import Blend
 from verbs.kernels import live
 from verbs.verb import Verb
 
-__all__ = ["Slots"]
+__all__ = ["Frames", "Slots"]
 
 _LEAST = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """One frame of B characters.
+
+    Parameters
+    ----------
+    blend : Blend
+    ends : (B, 8) float64
+        Phase, seconds and more, see :mod:`verbs.kernels.live`.
+    root : (B, 3) float64
+        In the world, metres.
+    rotations : (B, J, 4) float64
+        Local; the root's in the world.
+    in_transition : (B,) bool
+    """
+
+    blend: Blend
+    ends: F64
+    root: F64
+    rotations: F64
+    in_transition: npt.NDArray[np.bool_]
 
 
 class Slots:
@@ -39,6 +66,7 @@ class Slots:
     _error: F64
     _clamped: F64
     _known: I64
+    _seen: F64
     _used: I64
 
     def __init__(self, verb: Verb) -> None:
@@ -57,6 +85,12 @@ class Slots:
         """How far off what was asked (B,) they are shown, metres; NaN before its first frame and out of the domain."""
         told = (self._known[slots] == 1) & (self._clamped[slots] == 0.0)
         return np.where(told, self._error[slots], np.nan)
+
+    def restless(self, slots: I64) -> int:
+        """How many of these have to be blended anew in their next step, or held at their goals: that is more work."""
+        moving = (self.asked[slots] != self._seen[slots]) | (self._velocity[slots] != 0.0)
+        alone = (self._known[slots] == 0) | (self.state[slots, live.SHARE] > 0.0)
+        return int(np.count_nonzero(moving.any(axis=1) | alone))
 
     def remove(self, slot: int) -> None:
         """Forget a character; its slot will be another's."""
@@ -88,6 +122,7 @@ class Slots:
             ("_error", ()),
             ("_clamped", ()),
             ("_known", ()),
+            ("_seen", (dims,)),
             ("_used", ()),
         ):
             larger = np.zeros((capacity, *shape), np.int64 if name in ("_known", "_used") else np.float64)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,10 @@ from verbs.kernels import pose as kernels
 __all__ = ["Beat"]
 
 PART_ROWS = 48
-"""Characters that are stepped in one go; more would hold up everybody else for over a millisecond."""
+"""Characters that are stepped in one go where they move; more would hold up everybody for over a millisecond."""
+
+CALM_ROWS, FEW = 128, 24
+"""Characters that are stepped in one go where no more than a few are on their way to other goals."""
 
 SLICE_S = 0.0005
 """Time after which a tick lets others have the event loop."""
@@ -46,6 +49,13 @@ class _Part:
     slots: I64
     targets: Targets
     turned: bool
+    pieces: tuple[_Part, ...] = ()
+
+    def goes(self) -> tuple[_Part, ...]:
+        """In how many goes to step it now."""
+        if self.pieces and self.group.characters.restless(self.slots) > FEW:
+            return self.pieces
+        return (self,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +148,7 @@ class Beat:
                     self._plans.clear()
                 plan = self._plans[chosen] = _plan(channel for fps in chosen for channel in self.channels[fps])
             pause = time.perf_counter() + SLICE_S
-            for part in plan.parts:
+            for part in (go for whole in plan.parts for go in whole.goes()):
                 self._step(part, steps[part.fps] / part.fps, plan.words)
                 if time.perf_counter() > pause:
                     await asyncio.sleep(0)
@@ -199,16 +209,20 @@ def _plan(channels: Iterable[Channel]) -> _Plan:
             word += channel.layout.words
         posts.append(_Post(session, 4 * start, 4 * word, len(some)))
     words = np.zeros(word, np.uint32)
-    parts = [
-        _part(pairs[first : first + PART_ROWS]) for pairs in rows.values() for first in range(0, len(pairs), PART_ROWS)
-    ]
+    parts = [_part(pairs[first:stop]) for pairs in rows.values() for first, stop in _cuts(len(pairs), CALM_ROWS)]
     return _Plan(parts, posts, words)
+
+
+def _cuts(count: int, most: int) -> list[tuple[int, int]]:
+    """As few pieces as can be, of nearly one length: where each begins and ends."""
+    pieces = -(-count // most)
+    return [(k * count // pieces, (k + 1) * count // pieces) for k in range(pieces)]
 
 
 def _part(pairs: list[tuple[Channel, int]]) -> _Part:
     channels = [channel for channel, _ in pairs]
     layouts = [channel.layout for channel in channels]
-    return _Part(
+    whole = _Part(
         channels[0].group,
         channels[0].fps,
         channels,
@@ -216,6 +230,16 @@ def _part(pairs: list[tuple[Channel, int]]) -> _Part:
         Targets.of(layouts, [at for _, at in pairs], [channel.head() for channel in channels]),
         any(layout.space == "global" for layout in layouts),
     )
+    if len(pairs) <= PART_ROWS:
+        return whole
+    return replace(whole, pieces=tuple(_piece(whole, *cut) for cut in _cuts(len(pairs), PART_ROWS)))
+
+
+def _piece(whole: _Part, first: int, stop: int) -> _Part:
+    """Some characters of a part; what is told of them is told of the part."""
+    rows = slice(first, stop)
+    targets = whole.targets.part(first, stop)
+    return replace(whole, channels=whole.channels[rows], slots=whole.slots[rows], targets=targets)
 
 
 def _turns(group: Group, frames: Frames) -> F64:

@@ -112,6 +112,11 @@ class Targets:
             np.concatenate([layout.joints for layout in layouts]),
         )
 
+    def part(self, first: int, stop: int) -> Targets:
+        """Those of some characters in a row; whatever is written to these is written to all."""
+        rows = slice(first, stop)
+        return Targets(self.at[rows], self.heads[rows], self.layouts[rows], self.starts[first : stop + 1], self.joints)
+
 
 def pack(frames: Frames, turns: F64, version: int, targets: Targets, words: U32) -> None:
     """Write one record per character into ``words``.

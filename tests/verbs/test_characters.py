@@ -243,6 +243,44 @@ def test_who_has_settled_is_not_blended_again(people_of, monkeypatch):
     people.remove(slot)
 
 
+def test_who_is_on_the_way_or_held_at_a_goal_is_restless(reach):
+    one, other = mixes(reach, 2)
+    slots = np.array([reach.add(one, half_life_s=0.02), reach.add(one, half_life_s=0.0, looping=True)])
+    assert reach.restless(slots) == 2  # nobody has seen them
+    reach.step(slots, STEP_S)
+    assert reach.restless(slots) == 0
+    for slot in slots:
+        reach.aim(int(slot), other)
+    assert reach.restless(slots) == 2
+    reach.step(slots, STEP_S)
+    assert [reach.restless(slots[k : k + 1]) for k in range(2)] == [1, 0]
+    for _ in range(60):
+        reach.step(slots, STEP_S)
+    assert reach.restless(slots) == 0
+    reach.set(int(slots[0]), phase=reach.window[0], playing=False)
+    reach.step(slots, STEP_S)
+    assert reach.restless(slots) == 1
+    for slot in slots:
+        reach.remove(int(slot))
+
+
+@pytest.mark.parametrize("name", ["reach", "jump"])
+def test_motions_that_start_over_together_do_so_as_each_one_alone(people_of, name):
+    people = people_of(name)
+    rows = mixes(people, 5)
+    together, alone = (
+        np.array([people.add(row, phase=1.0 - 1e-4 * k, looping=True) for k, row in enumerate(rows)]) for _ in range(2)
+    )
+    for _ in range(6):
+        frames = people.step(together, 2 * STEP_S)
+        single = [people.step(alone[k : k + 1], 2 * STEP_S) for k in range(len(rows))]
+        np.testing.assert_allclose(frames.root, np.concatenate([one.root for one in single]), atol=SINGLE)
+        np.testing.assert_allclose(frames.rotations, np.concatenate([one.rotations for one in single]), atol=SINGLE)
+    assert frames.in_transition.all()
+    for slot in (*together, *alone):
+        people.remove(int(slot))
+
+
 def test_another_half_life_on_the_way(people_of):
     people = people_of("punch")
     start, goal = mixes(people, 2, 7)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from service.catalog import Catalog, Entry
+from service.stream.beat import PART_ROWS
 from tests.service.stream.conftest import talk
 from verbs.verb import Basis
 
@@ -69,3 +70,27 @@ async def test_a_version_that_cannot_go_on_is_told_and_the_old_one_stays(serve, 
     assert error["channel"] == 1
     assert "version 2 of verb 'arm3' cannot go on here" in error["detail"]
     assert {frame.of(1).version for frame in frames} == {1}
+
+
+async def test_a_crowd_is_told_of_a_new_version_once_however_many_are_stepped_at_a_time(serve, catalog):
+    """Who stands still is stepped in large parts, who moves in pieces of them; both write the same heads."""
+    count = PART_ROWS + 12
+    with serve() as server:
+        async with talk(server, max_size=None) as client:
+            for number in range(count):
+                await client.open(number, "arm3", fps=30)
+            await client.poses(4)
+            (part,) = (part for beat in server.hub._beats for plan in beat._plans.values() for part in plan.parts)
+            assert len(part.slots) == count
+            newer = with_version(catalog, "arm3", 2, bases=other_basis(catalog.entries["arm3"].verb))
+            server.call(server.serving.offer, newer)
+            await client.until("version")
+            await client.poses(8)
+            for adverbs in ((0.5, 0.1), (0.3, 0.2)):
+                for number in range(count):
+                    await client.aim(number, *adverbs)
+                await client.poses(10)
+    for number in range(count):
+        records = [found for frame in client.frames if (found := frame.of(number))]
+        assert sum(bool(record.flags & NEW_VERSION) for record in records) == 1
+        assert records[-1].version == 2

@@ -28,24 +28,28 @@ def _log(q: F64, out: F64) -> None:
 
 
 @kernel
-def _between(to: F64, source: F64, out: F64) -> None:
-    """Rotation vector (3,) that turns one unit quaternion (4,) into another, in their parent's axes."""
-    back, turn = np.empty(4), np.empty(4)
+def _turned(to: F64, source: F64, out: F64) -> None:
+    """The rotation (4,) that turns one unit quaternion (4,) into another, in their parent's axes."""
+    back = np.empty(4)
     for a in range(3):
         back[a] = -source[a]
     back[3] = source[3]
-    multiply(to, back, turn)
+    multiply(to, back, out)
+
+
+@kernel
+def _between(to: F64, source: F64, out: F64) -> None:
+    """Rotation vector (3,) of what turns one unit quaternion (4,) into another."""
+    turn = np.empty(4)
+    _turned(to, source, turn)
     _log(turn, out)
 
 
 @kernel
 def _before(here: F64, after: F64, out: F64) -> None:
     """Rotation (4,) that lies as far before one as another lies after it."""
-    back, turn = np.empty(4), np.empty(4)
-    for a in range(3):
-        back[a] = -after[a]
-    back[3] = after[3]
-    multiply(here, back, turn)
+    turn = np.empty(4)
+    _turned(here, after, turn)
     multiply(turn, here, out)
 
 

@@ -83,10 +83,11 @@ lock: setup  ## resolve the newest allowed versions into the lock files
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group dev pyproject.toml -o requirements.lock
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes pyproject.toml -o requirements.runtime.lock
 
-generate: setup  ## rewrite generated files: openapi.json, built-in verbs
+generate: setup  ## rewrite generated files: openapi.json, the dashboard's types of it, built-in verbs
 	@$(BIN)/python -m verbs.library.author
 	@$(BIN)/python -m verbs.library.author.build
 	@$(BIN)/python -m service.openapi
+	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent types)
 
 load: setup  ## ask a local server for poses and sequences for 20 s (Locust), and print what it answered
 	@$(BIN)/python clients/load/rest.py --serve --seconds 20

@@ -86,7 +86,7 @@ def _without_paths(text: str, upload: Path) -> str:
 
 def _warm() -> None:
     """Load what a job needs, kernels too: a job then takes as long as its own work."""
-    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+    os.nice(NICE)
     from verbs import library
     from verbs.build.fit import build
 

@@ -21,7 +21,7 @@ RUN pip wheel --no-deps --no-build-isolation --wheel-dir /wheels /src \
 # For any processor of this architecture: without a name, kernels fit the building machine alone, and would be compiled
 # anew, minutes long, wherever another one starts the image.
 ENV NUMBA_CPU_NAME=generic OPENBLAS_NUM_THREADS=1
-RUN NUMBA_CACHE_DIR=/opt/adverb/kernels /opt/adverb/bin/python -m service.warm
+RUN NUMBA_CACHE_DIR=/opt/adverb/kernels /opt/adverb/bin/python -m service.run.warmup
 COPY deploy/start /opt/adverb/bin/start
 
 FROM python:3.11-slim

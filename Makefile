@@ -43,7 +43,7 @@ serve: setup $(PAGE) $(WARM)  ## start the server on 127.0.0.1:8000 (ADVERB_PORT
 
 $(WARM): $(VENV)/.ready $(wildcard verbs/kernels/*.py) service/stream/packing.py
 	@echo "setup: compiling kernels (about a minute, once)"
-	@$(BIN)/python -m service.warm
+	@$(BIN)/python -m service.run.warmup
 	@touch $@
 
 dashboard: $(DASHBOARD)/node_modules  ## build the dashboard, which the server gives at /
@@ -84,9 +84,9 @@ lock: setup  ## resolve the newest allowed versions into the lock files
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes pyproject.toml -o requirements.runtime.lock
 
 generate: setup  ## rewrite generated files: openapi.json, the dashboard's types of it, built-in verbs
-	@$(BIN)/python -m verbs.library.author
-	@$(BIN)/python -m verbs.library.author.build
-	@$(BIN)/python -m service.openapi
+	@$(BIN)/python -m tools.authoring
+	@$(BIN)/python -m tools.authoring.build
+	@$(BIN)/python -m service.http.openapi
 	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent types)
 
 load: setup  ## ask a local server for poses and sequences for 20 s (Locust), and print what it answered

@@ -15,7 +15,7 @@ from benchmarks.timing import interleave
 from verbs import Evaluator, library
 from verbs.blend.corrected import Corrected
 from verbs.blend.inverse import Inverse
-from verbs.measure.domain import random_points
+from verbs.domain import random_points
 from verbs.skeleton import Skeleton
 
 EFFECTOR = "RightHand"

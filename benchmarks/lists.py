@@ -19,8 +19,8 @@ from verbs import library
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.refined import Refined
 from verbs.conventions import F64
-from verbs.kernels import lists
-from verbs.measure.domain import random_points
+from verbs.domain import random_points
+from verbs.kernels import center_lists
 from verbs.refine import Rules, refine
 from verbs.verb import Basis, Verb
 
@@ -63,15 +63,15 @@ def _uniform(verb: Verb) -> list[tuple[int, Basis]]:
 
 def _print_row(count: int, basis: Basis, queries: F64) -> None:
     points = basis.chart.points(queries)
-    grid, tree = lists.grid(basis.centers, basis.radii), lists.cluster(basis.centers, basis.radii)
+    grid, tree = center_lists.grid(basis.centers, basis.radii), center_lists.cluster(basis.centers, basis.radii)
     middle = np.zeros(1, np.int64)  # one cell that is everywhere, and all centers in its list
-    whole = lists.Grid(middle, np.full(1, -1e6), np.full(1, 1e-9), middle + 1, np.array([0, len(basis.centers)]),
+    whole = center_lists.Grid(middle, np.full(1, -1e6), np.full(1, 1e-9), middle + 1, np.array([0, len(basis.centers)]),
                        np.arange(len(basis.centers)))  # fmt: skip
     every, listed = Refined(basis, whole), Refined(basis, grid)
     treed, reached = np.empty((QUERIES, basis.radial.shape[1])), np.empty(QUERIES, int)
 
     def by_tree() -> None:
-        lists.cardinal_tree(
+        center_lists.cardinal_tree(
             points, basis.kernel, basis.degree, basis.centers, basis.radii, basis.radial, basis.poly, tree.middles,
             tree.reaches, tree.children, tree.spans, tree.order, treed,
         )  # fmt: skip
@@ -84,7 +84,7 @@ def _print_row(count: int, basis: Basis, queries: F64) -> None:
             by_tree,
         ]
     )
-    lists.active(points, basis.kernel, basis.centers, basis.radii, reached)
+    center_lists.active(points, basis.kernel, basis.centers, basis.radii, reached)
     print(
         f"{count:8d}  {reached.mean():6.1f}  {rbf:6.3f}  {brute:6.3f}  {by_grid:6.3f}  {by_spheres:6.3f}"
         f"  {brute / by_grid:10.2f}  {brute / by_spheres:10.2f}  {len(grid.members):7d}"

@@ -10,15 +10,15 @@ from benchmarks.timing import interleave
 from verbs import Evaluator, library
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
-from verbs.kernels import rbf
-from verbs.measure.domain import random_points
+from verbs.domain import random_points
+from verbs.kernels import radial_basis
 
 
 @njit(cache=True)
 def _compiled_loop(points, kernel, degree, centers, radii, radial, poly, row, out):
     """A caller that is compiled itself asks point by point, as a game's own loop would."""
     for point in points:
-        rbf.evaluate(point, kernel, degree, centers, radii, radial, poly, row, out)
+        radial_basis.evaluate(point, kernel, degree, centers, radii, radial, poly, row, out)
 
 
 def main() -> None:

@@ -31,7 +31,8 @@ from adverb_load.process import Served, serve
 
 from benchmarks.timing import machine
 from tests.service.store.postgres import Postgres, programs
-from verbs import artifact, library
+from verbs import library
+from verbs.io import artifact
 
 PROJECT = Path(__file__).resolve().parents[1]
 GOAL, GOAL_UPLOAD_S = 1.2, 2.0

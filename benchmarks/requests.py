@@ -15,7 +15,7 @@ import orjson
 from fastapi import FastAPI, Response
 
 from service.app import create_app
-from service.requests import PoseRequest
+from service.http.request_models import PoseRequest
 from service.settings import Settings
 
 BODY = orjson.dumps({"adverbs": {"x": -0.2, "y": 1.2, "z": 0.5}, "phase": 0.4})

@@ -126,8 +126,8 @@ def capture() -> Path:
 @contextmanager
 def served(folder: Path, **environment: str) -> Iterator[Served]:
     """A server of the verb that is built of motion capture, on its own core."""
-    from verbs import artifact
-    from verbs.build.fit import build
+    from verbs.authoring.fit import build
+    from verbs.io import artifact
 
     artifact.save(build(capture()).verb, folder / f"{VERB}.verb")
     start = "from service.cli import main; main()"

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from verbs import Evaluator, library
-from verbs.measure.draw import draw_poses, points
+from verbs.figures.draw import draw_poses, points
 
 GOALS = np.array(
     [

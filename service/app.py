@@ -9,12 +9,14 @@ import anyio
 from fastapi import FastAPI
 from starlette.middleware import Middleware
 
-from service import errors, openapi
-from service.api import health, pages, poses, quality, refinements, streams, verbs, versions
-from service.catalog import Catalog
-from service.middleware import BodyLimit, Observe
-from service.serving import Serving
+from service import errors
+from service.catalog.catalog import Catalog
+from service.http import openapi
+from service.http.middleware import BodyLimit, Observe
+from service.http.routes import health, pages, poses, quality, refinements, verbs, versions
 from service.settings import Settings
+from service.state import Serving
+from service.stream import endpoint
 
 __all__ = ["create_app"]
 
@@ -57,7 +59,7 @@ def create_app(settings: Settings, *, on_ready: Callable[[Catalog], None] | None
         *(health.router, pages.router),
     )
     app.router.routes[:0] = [route for router in routers for route in router.routes]
-    app.router.routes.insert(0, streams.route(serving))
+    app.router.routes.insert(0, endpoint.route(serving))
     errors.install(app)
     openapi.install(app)
     return app

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from service.listen import CannotServe
+from service.run.listener import CannotServe
 from service.settings import Settings
 from verbs import cli
 
@@ -81,10 +81,10 @@ def worker_command(
         typer.echo(f"error: the data folder {folder} does not exist; name the server's (--data)", err=True)
         raise typer.Exit(USER_ERROR)
     os.nice(nice)  # before what follows takes its seconds
-    from service import logs
+    from service.refinement.errors import JobError
+    from service.refinement.worker import main as worker
+    from service.run import logs
     from service.store.records import StoreError
-    from service.worker import main as worker
-    from service.worker.errors import JobError
 
     logs.configure(settings)
     try:
@@ -103,9 +103,9 @@ def worker_command(
 def _serve(settings: Settings) -> None:
     """Serve in this process, or look after several that do; each is imported where it is needed, for it takes long."""
     if settings.workers > 1:
-        from service.processes import serve
+        from service.run.multiprocess import serve
     else:
-        from service.server import serve
+        from service.run.server import serve
 
     try:
         serve(settings, say=lambda text: typer.echo(text, err=True))

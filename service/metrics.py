@@ -5,7 +5,7 @@ those of the library or ``none``. A name that a client made up never becomes a l
 
 Where several processes serve as one, each keeps its numbers in files of a folder that ``PROMETHEUS_MULTIPROC_DIR``
 names, and any of them tells the sum; a gauge's ``multiprocess_mode`` says what its sum is. See
-:mod:`service.processes`.
+:mod:`service.run.multiprocess`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamil
 from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 
-from service.catalog import Catalog, Entry
-from verbs.evaluate import Blend
+from service.catalog.catalog import Catalog, Entry
+from verbs.runtime.evaluate import Blend
 
 __all__ = ["NONE", "UNMATCHED", "Metrics"]
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from verbs.conventions import I64
-from verbs.evaluate import Poses
+from verbs.runtime.evaluate import Poses
 
 __all__ = ["CLAMPED", "ENCODING_F32", "HEAD", "LAST", "decode", "encode", "encode_one", "record"]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from verbs.build.fit import build
+from verbs.authoring.fit import build
 from verbs.verb import Verb
 
 settings.register_profile("fixed", derandomize=True)  # the gate must not depend on luck; hunt with another profile

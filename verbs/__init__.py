@@ -4,10 +4,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from verbs.characters import Characters, Frames
     from verbs.errors import VerbError
-    from verbs.evaluate import Blend, Evaluator, Poses
     from verbs.motion import Motion
+    from verbs.runtime.characters import Characters, Frames
+    from verbs.runtime.evaluate import Blend, Evaluator, Poses
     from verbs.skeleton import Skeleton
     from verbs.verb import Adverb, Basis, Chart, Domain, Measure, Verb
 
@@ -29,9 +29,9 @@ __all__ = [
 ]
 
 _MODULES = {
-    "characters": ("Characters", "Frames"),
+    "runtime.characters": ("Characters", "Frames"),
     "errors": ("VerbError",),
-    "evaluate": ("Blend", "Evaluator", "Poses"),
+    "runtime.evaluate": ("Blend", "Evaluator", "Poses"),
     "motion": ("Motion",),
     "skeleton": ("Skeleton",),
     "verb": ("Adverb", "Basis", "Chart", "Domain", "Measure", "Verb"),

@@ -22,8 +22,8 @@ from rich.table import Table
 from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
 
 if TYPE_CHECKING:
-    from verbs.build.fit import Built
-    from verbs.measure.report import Figures
+    from verbs.authoring.fit import Built
+    from verbs.quality.report import Figures
     from verbs.verb import Verb
 
 __all__ = ["app", "main", "run"]
@@ -67,13 +67,14 @@ def _plain(text: str) -> str:
 
 def open_verb(name: str) -> Verb:
     """A verb by built-in name, ``.verb`` file or source folder."""
-    from verbs import artifact, library
+    from verbs import library
+    from verbs.io import artifact
 
     path = Path(name)
     if name in library.names():
         return library.load(name)
     if path.is_dir():
-        from verbs.build.fit import build
+        from verbs.authoring.fit import build
 
         with _progress() as say:
             return build(path, progress=say).verb
@@ -125,8 +126,8 @@ def build_command(
 
     Example: [bold]adverb build mocap/reach -o reach.verb[/]
     """
-    from verbs import artifact
-    from verbs.build.fit import build
+    from verbs.authoring.fit import build
+    from verbs.io import artifact
 
     with _progress() as say:
         built = build(folder, progress=say)
@@ -175,8 +176,8 @@ def info_command(verb: VerbArgument, as_json: Json = False) -> None:
 
     Example: [bold]adverb info reach --json[/]
     """
-    from verbs import describe
     from verbs.blend.methods import default_method
+    from verbs.runtime import describe
 
     loaded = open_verb(verb)
     if as_json:
@@ -213,8 +214,8 @@ def pose_command(
 
     Example: [bold]adverb pose reach --at x=-0.3,y=1.2,z=0.4 --phase 0.5[/]
     """
-    from verbs import describe
-    from verbs.evaluate import Evaluator
+    from verbs.runtime import describe
+    from verbs.runtime.evaluate import Evaluator
 
     evaluator = Evaluator(open_verb(verb))
     poses = evaluator.pose(parse_at(at), phase=phase, time_s=time, method=method)
@@ -248,7 +249,7 @@ def measure_command(
     Example: [bold]adverb measure reach --method rbf --json[/]
     """
     from verbs.blend.methods import usable
-    from verbs.measure.report import measure, recommend
+    from verbs.quality.report import measure, recommend
 
     loaded = open_verb(verb)
     chosen = list(usable(loaded)) if method == "all" else [method]
@@ -328,8 +329,8 @@ def refine_command(
 
     Example: [bold]adverb refine arm3 --max-pseudo 100 -o arm3_refined.verb[/]
     """
-    from verbs import artifact
     from verbs import refine as refining
+    from verbs.io import artifact
 
     loaded = open_verb(verb)
     rules = refining.Rules(target_error / 100.0, max_pseudo, seed, radii=radii, planes=planes)
@@ -367,9 +368,9 @@ def export_command(
 
     Example: [bold]adverb export reach --at x=-0.3,y=1.2,z=0.4 --format bvh -o reach.bvh[/]
     """
-    from verbs import sequence
-    from verbs.evaluate import Evaluator
     from verbs.io import bvh
+    from verbs.runtime import sequence
+    from verbs.runtime.evaluate import Evaluator
 
     if form != "bvh":
         raise UnknownName("format", form, ("bvh",))
@@ -393,7 +394,7 @@ def figures_command(
 
     Example: [bold]adverb figures --data mocap -o docs[/]
     """
-    from verbs.measure.figures import figures  # its pictures need matplotlib, which nothing else does
+    from verbs.figures import figures  # its pictures need matplotlib, which nothing else does
 
     with _progress() as say:
         paths = figures(output, data=data, quick=quick, progress=say)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from verbs.conventions import F64
-from verbs.kernels import cycle
 from verbs.kernels import measure as kernels
+from verbs.kernels import root_velocity
 from verbs.verb import Verb
 
 __all__ = ["Goal"]
@@ -46,8 +46,8 @@ class Goal:
     starts, chain : (3, N), (4·L, N) float64
         Roots and rows with the examples last, as correction wants them.
     walk, turns : (2·G + H, C), (N,) float64
-        Strides as rows and turns over the cycle, see :func:`verbs.kernels.cycle.walk_of`; no rows where no speed is
-        measured.
+        Strides as rows and turns over the cycle, see :func:`verbs.kernels.root_velocity.walk_of`; no rows where no
+        speed is measured.
     """
 
     verb: Verb
@@ -78,7 +78,7 @@ class Goal:
             roots = np.stack([_at_keytime(verb, mark)[:, :3] for mark in marks])
         walk, turns = np.zeros((0, 0)), np.zeros(len(verb.examples))
         if measure.kind == kernels.VELOCITY:
-            walk = cycle.walk_of(verb.strides, verb.phases, turns)
+            walk = root_velocity.walk_of(verb.strides, verb.phases, turns)
         return cls(
             verb,
             roots,

@@ -15,15 +15,15 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
+from verbs.authoring.basis import polynomial
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
-from verbs.build.basis import polynomial
 from verbs.conventions import F64
+from verbs.domain import accuracy_points, inside, random_points
 from verbs.errors import OutOfRange, RequestError, UnknownName
 from verbs.goal import Goal
+from verbs.kernels import center_lists
 from verbs.kernels import chart as charts
-from verbs.kernels import lists
-from verbs.measure.domain import accuracy_points, inside, random_points
 from verbs.verb import Basis, Chart, Verb
 
 __all__ = ["CHOICES", "Errors", "Mark", "PseudoExample", "Rules", "Step", "refine", "resume", "with_basis"]
@@ -224,7 +224,7 @@ class _Ground:
         goal, dims, stride = Goal.of_verb(verb), len(verb.adverbs), 0.0
         if not goal.measurable:
             raise RequestError(f"'{verb.name}' has style adverbs only: there is no error that refining could lower")
-        if basis.kernel not in lists.COMPACT:
+        if basis.kernel not in center_lists.COMPACT:
             raise RequestError("refining needs a basis of compact radial functions")
         if points is None and dims > 2:
             points = random_points(verb, np.random.default_rng([rules.seed, 0]), rules.samples)
@@ -395,5 +395,5 @@ def _insert(basis: Basis, drawn: PseudoExample, rules: Rules) -> Basis | None:
 def _system(basis: Basis) -> F64:
     """Radial functions (C, C) of all centers (columns) at all centers: the matrix Q of section 3.1."""
     out = np.empty((len(basis.centers), len(basis.centers)))
-    lists.radial_matrix(basis.kernel, basis.centers, basis.centers, basis.radii, out)
+    center_lists.radial_matrix(basis.kernel, basis.centers, basis.centers, basis.radii, out)
     return out

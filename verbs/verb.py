@@ -12,7 +12,7 @@ import numpy as np
 from verbs.conventions import F32, F64, I64, MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, freeze
 from verbs.errors import IllPosedVerb, UnknownName
 from verbs.kernels import chart as charts
-from verbs.kernels import coordinates, rbf
+from verbs.kernels import coordinates, radial_basis
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
 from verbs.skeleton import Skeleton
@@ -130,7 +130,7 @@ class Basis:
     chart : Chart
         Where its distances are taken.
     kernel, degree : int
-        Radial function (a number of :data:`verbs.kernels.rbf.KERNELS`) and polynomial degree, 0 to 2.
+        Radial function (a number of :data:`verbs.kernels.radial_basis.KERNELS`) and polynomial degree, 0 to 2.
     centers : (C, D) float64
         Examples first, pseudo-examples after them, in normalised chart coordinates.
     radii : (C,) float64
@@ -153,7 +153,7 @@ class Basis:
         freeze(self)
         count, dims = self.centers.shape
         length = {0: 1, 1: dims + 1, 2: 1 + dims + dims * (dims + 1) // 2}.get(self.degree, -1)
-        _check(self.kernel in rbf.KERNELS.values(), f"radial function number {self.kernel} does not exist")
+        _check(self.kernel in radial_basis.KERNELS.values(), f"radial function number {self.kernel} does not exist")
         _check(len(self.chart.shift) == dims, "the basis and its chart differ in dimension")
         _check(self.radii.shape == (count,) and bool(np.all(self.radii > 0)), "radii must be positive")
         _check(self.radial.ndim == 2 and len(self.radial) == count, "radial coefficients have the wrong shape")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from service.catalog import Entry
-from service.messages import Open
+from service.catalog.catalog import Entry
+from service.stream.messages import Open
 from service.stream.packing import Layout, offsets_in
-from verbs.characters import Characters
+from verbs.runtime.characters import Characters
 
 if TYPE_CHECKING:
     from service.stream.session import Session

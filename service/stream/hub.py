@@ -12,17 +12,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from service.catalog import Catalog, Entry
-from service.demand import Demand
+from service.catalog.catalog import Catalog, Entry
 from service.errors import ChannelInUse, TooManyChannels, UnknownChannel, UnknownSession
-from service.messages import Open, Set, Switch
 from service.metrics import Metrics
+from service.refinement.usage import Demand
 from service.settings import Settings
-from service.stream.beat import Beat
 from service.stream.channel import NEW_VERSION, Channel, Group, layout_of, opened
+from service.stream.messages import Open, Set, Switch
 from service.stream.session import Connection, Session
-from verbs.characters import VERSION_S
+from service.stream.ticker import Beat
 from verbs.errors import VerbError
+from verbs.runtime.characters import VERSION_S
 
 __all__ = ["Hub"]
 

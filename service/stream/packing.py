@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from verbs.characters import Frames
 from verbs.conventions import F32, F64, I64
-from verbs.evaluate import Blend
-from verbs.kernels import live
+from verbs.kernels import character_state
 from verbs.kernels.compile import kernel
+from verbs.runtime.characters import Frames
+from verbs.runtime.evaluate import Blend
 from verbs.skeleton import Skeleton
 
 __all__ = ["ENCODINGS", "FRAMES", "HEADER", "OP_POSES", "WIRE", "Layout", "Targets", "offsets_in", "pack", "warm"]
@@ -154,7 +154,7 @@ def warm() -> None:
     layout = Layout("q48", "local", "gltf", np.zeros(1, np.int64), 1)
     unit = np.array([[[0.0, 0.0, 0.0, 1.0]]])
     blend = Blend("", np.ones((1, 1)), np.zeros((1, 0)), np.zeros(1), np.zeros(1, np.bool_))
-    frames = Frames(blend, np.zeros((1, live.REPORTS)), np.zeros((1, 3)), unit, np.zeros(1, np.bool_))
+    frames = Frames(blend, np.zeros((1, character_state.REPORTS)), np.zeros((1, 3)), unit, np.zeros(1, np.bool_))
     pack(frames, unit, 1, Targets.of([layout], [0], [0]), np.zeros(layout.words, np.uint32))
 
 
@@ -188,11 +188,11 @@ def _pack(
         if to < 0:
             continue
         encoding, space, frame = layouts[b, 0], layouts[b, 1], layouts[b, 2]
-        flags = (1 if clamped[b] else 0) | (2 if moving[b] else 0) | (8 if ends[b, live.ENDED] > 0.0 else 0)
+        flags = (1 if clamped[b] else 0) | (2 if moving[b] else 0) | (8 if ends[b, character_state.ENDED] > 0.0 else 0)
         words[to] = heads[b] | (encoding << 16) | (flags << 24)
         words[to + 1] = version
-        floats[to + 2], floats[to + 3] = ends[b, live.AT], ends[b, live.TIME]
-        floats[to + 4], floats[to + 5] = error[b], ends[b, live.DURATION]
+        floats[to + 2], floats[to + 3] = ends[b, character_state.AT], ends[b, character_state.TIME]
+        floats[to + 4], floats[to + 5] = error[b], ends[b, character_state.DURATION]
         to += HEAD_WORDS
         if encoding == WEIGHTS:
             words[to] = weights.shape[1]

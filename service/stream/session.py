@@ -14,12 +14,12 @@ import anyio
 import orjson
 from starlette.types import Send
 
-from service.sockets import Sockets
 from service.stream.packing import HEADER, OP_POSES, WIRE
+from service.stream.transport import Sockets
 
 if TYPE_CHECKING:
-    from service.stream.beat import Beat
     from service.stream.channel import Channel
+    from service.stream.ticker import Beat
 
 __all__ = ["MAX_WAITING", "TAKEN_OVER", "TOO_SLOW", "Connection", "Session", "text"]
 

@@ -15,10 +15,11 @@ from types import SimpleNamespace
 import httpx
 import pytest
 
-from service.worker.alive import alive
+from service.refinement.worker.healthcheck import alive
 from tests.service.store.postgres import Postgres, programs
 from tests.service.stream.conftest import talk
-from verbs import artifact, library
+from verbs import library
+from verbs.io import artifact
 
 pytestmark = [pytest.mark.slow, pytest.mark.anyio, pytest.mark.xdist_group("topology")]
 

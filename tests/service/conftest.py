@@ -10,13 +10,13 @@ import pytest
 import structlog
 from fastapi import FastAPI
 
-from service import catalog as catalogs
 from service.app import create_app
-from service.catalog import Catalog
+from service.catalog import catalog as catalogs
+from service.catalog.catalog import Catalog
 from service.settings import Settings
 from tests.verbs.sources import SKELETON, example_row, write_source
-from verbs import artifact
-from verbs.build.fit import build
+from verbs.authoring.fit import build
+from verbs.io import artifact
 from verbs.kernels import quat
 from verbs.motion import Motion
 

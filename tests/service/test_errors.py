@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from starlette.requests import ClientDisconnect
 
-from service import errors, serving
+from service import errors, state
 from tests.service.conftest import ARM, SWAY, app_of, client_of
 from verbs.errors import RequestError, UnknownName, VerbError
 
@@ -266,7 +266,7 @@ async def test_a_failure_inside_is_a_problem_without_its_reason(catalog, monkeyp
     def explode(self):
         raise ZeroDivisionError("secret of the house")
 
-    monkeypatch.setattr(serving.Serving, "current", explode)
+    monkeypatch.setattr(state.Serving, "current", explode)
     async with client_of(app_of(catalog)) as client:
         answer = await client.get("/v1/verbs", headers={"X-Request-Id": "mine-1"})
         problem(answer, 500, "internal_error")

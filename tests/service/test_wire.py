@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service import wire
-from verbs.evaluate import Blend, Poses
+from verbs.runtime.evaluate import Blend, Poses
 
 
 def poses(count: int, joints: int) -> Poses:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from verbs.characters import Characters
 from verbs.kernels import fk
-from verbs.sequence import sequence
+from verbs.runtime.characters import Characters
+from verbs.runtime.sequence import sequence
 from verbs.verb import Verb
 
 FPS = 60

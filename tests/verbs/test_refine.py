@@ -7,15 +7,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from verbs import artifact, library
+from verbs import library
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.refined import Hybrid, Refined
+from verbs.domain import accuracy_points, random_points
 from verbs.errors import OutOfRange, RequestError, UnknownName
 from verbs.goal import Goal
-from verbs.kernels import lists
+from verbs.io import artifact
+from verbs.kernels import center_lists
 from verbs.kernels import measure as measures
-from verbs.measure.domain import accuracy_points, random_points
-from verbs.measure.report import diagonal
+from verbs.quality.report import diagonal
 from verbs.refine import Mark, Rules, Step, refine, resume, with_basis
 from verbs.verb import Basis, Verb
 
@@ -47,7 +48,7 @@ def same(first: Basis, second: Basis) -> bool:
 
 def system(basis: Basis):
     out = np.empty((len(basis.centers), len(basis.centers)))
-    lists.radial_matrix(basis.kernel, basis.centers, basis.centers, basis.radii, out)
+    center_lists.radial_matrix(basis.kernel, basis.centers, basis.centers, basis.radii, out)
     return out
 
 
@@ -247,7 +248,7 @@ def test_style_is_held_while_the_rest_is_searched():
     style = replace(verb.adverbs[0], name="tired", unit="", style=True, minimum=0.0, maximum=1.0)
     tired = np.linspace(0.0, 1.0, 9)[[4, 0, 7, 2, 8, 5, 1, 6, 3], None]
     values = np.concatenate([verb.values, tired], axis=1)
-    from verbs.build import basis as bases
+    from verbs.authoring import basis as bases
 
     chart = bases.chart_of(values, ("m", "m", ""))
     styled = replace(

@@ -13,7 +13,7 @@ from scipy.spatial.distance import pdist
 from verbs.blend.cardinal import basis_weights
 from verbs.conventions import F64
 from verbs.goal import Goal
-from verbs.kernels import correct as kernels
+from verbs.kernels import correction as kernels
 from verbs.kernels import measure as measures
 from verbs.verb import Basis, Verb
 
@@ -45,7 +45,7 @@ class Corrected:
         Orthonormal directions that the correction leaves alone: the sum of weights and each style adverb.
     scale : (3,) float64
     rules : (4,) float64
-        See :func:`verbs.kernels.correct.step`.
+        See :func:`verbs.kernels.correction.step`.
     """
 
     basis: Basis

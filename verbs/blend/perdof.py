@@ -18,7 +18,7 @@ import numpy as np
 
 from verbs.blend.cardinal import basis_weights
 from verbs.conventions import F64
-from verbs.kernels import rbf
+from verbs.kernels import radial_basis
 from verbs.verb import Basis, Verb
 
 __all__ = ["Cost", "PerDof", "cost"]
@@ -76,9 +76,9 @@ def _matrices(basis: Basis) -> tuple[F64, F64]:
     powers, system = np.empty((count, len(basis.poly))), np.empty((count, count))
     distances = np.linalg.norm(basis.centers[:, None] - basis.centers[None], axis=-1)
     for i in range(count):
-        rbf.features(basis.centers[i], basis.degree, powers[i])
+        radial_basis.features(basis.centers[i], basis.degree, powers[i])
         for j in range(count):
-            system[i, j] = rbf.phi(basis.kernel, distances[i, j] / basis.radii[j])
+            system[i, j] = radial_basis.phi(basis.kernel, distances[i, j] / basis.radii[j])
     return powers, system
 
 

@@ -14,7 +14,7 @@ from verbs.blend.search import Search
 from verbs.conventions import F64
 from verbs.errors import RequestError
 from verbs.goal import Goal
-from verbs.kernels import lists as kernels
+from verbs.kernels import center_lists as kernels
 from verbs.verb import Basis, Verb
 
 __all__ = ["CROSSOVER", "Hybrid", "Refined"]

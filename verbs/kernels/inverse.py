@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from verbs.conventions import F64, I64
-from verbs.kernels import correct
+from verbs.kernels import correction
 from verbs.kernels import measure as measures
 from verbs.kernels.compile import kernel
 from verbs.kernels.simplex import least
@@ -126,12 +126,12 @@ def subset(problem: Problem, chosen: I64) -> Problem:
 def _point(problem: Problem, p: int, weights: F64, scratch: F64, shares: F64, point: F64, jacobian: F64) -> None:
     """Point p (3,) that a blend reaches, and its Jacobian (3, n)."""
     if problem.kinds[p] == measures.VELOCITY:
-        correct.velocity_jacobian(
+        correction.velocity_jacobian(
             weights, problem.strides, problem.phases, problem.log_lengths, point, jacobian, shares
         )
     else:
         first, last = problem.spans[p, 0], problem.spans[p, 1]
-        correct.position_jacobian(
+        correction.position_jacobian(
             weights,
             problem.mode,
             problem.roots[3 * p : 3 * p + 3],

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from verbs.conventions import F64, I64
-from verbs.kernels import cycle
+from verbs.kernels import root_velocity
 from verbs.kernels.compile import kernel
 from verbs.kernels.pose import add_turned, finish_rotation, multiply
 
@@ -97,11 +97,11 @@ def root_velocities(weights: F64, walk: F64, turns: F64, phases: F64, log_length
     """Forward speed (m/s), turn rate (rad/s), sideways speed (m/s) over one cycle (B, 3) of weights (B, N).
 
     Each step is turned into the frame that turns at the cycle's mean rate, then averaged over the cycle. ``walk`` and
-    ``turns`` are those of :func:`verbs.kernels.cycle.walk_of`.
+    ``turns`` are those of :func:`verbs.kernels.root_velocity.walk_of`.
     """
-    times, full, steps, _, _ = cycle.scratch(walk, phases, weights.shape[1])
+    times, full, steps, _, _ = root_velocity.scratch(walk, phases, weights.shape[1])
     for b in range(weights.shape[0]):
-        cycle.mean_speeds(weights[b], walk, turns, phases, log_lengths, times, full, steps, out[b])
+        root_velocity.mean_speeds(weights[b], walk, turns, phases, log_lengths, times, full, steps, out[b])
 
 
 @kernel

@@ -9,7 +9,7 @@ import numpy as np
 
 from verbs.conventions import F64, I64
 from verbs.kernels import chart as charts
-from verbs.kernels import rbf
+from verbs.kernels import radial_basis
 from verbs.kernels.compile import kernel
 
 __all__ = ["cardinal", "clamp"]
@@ -65,4 +65,4 @@ def cardinal(
         charts.to_chart(kind, axes, bend, adverbs[b], point)
         for a in range(point.shape[0]):
             point[a] = (point[a] - shift[a]) * scale[a]
-        rbf.evaluate(point, kernel, degree, centers, radii, radial, poly, row, out[b])
+        radial_basis.evaluate(point, kernel, degree, centers, radii, radial, poly, row, out[b])

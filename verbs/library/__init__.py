@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from verbs import artifact
 from verbs.errors import UnknownName
+from verbs.io import artifact
 from verbs.verb import Verb
 
 __all__ = ["load", "names", "source"]

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 import pytest
 from adverb_client import Backoff, Stream
 
-from service import catalog as catalogs
-from service.catalog import Catalog
+from service.catalog import catalog as catalogs
+from service.catalog.catalog import Catalog
 from tests.clients.python.fake import FakeServer, running
 from tests.clients.python.served import serving
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from service.app import create_app
-from service.catalog import Catalog
-from service.server import Server, config_of
+from service.catalog.catalog import Catalog
+from service.run.server import Server, config_of
 from service.settings import Settings
 from service.stream import packing
 

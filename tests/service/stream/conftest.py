@@ -14,8 +14,8 @@ import pytest
 from websockets.asyncio.client import connect
 
 from service.app import create_app
-from service.server import Server as Uvicorn
-from service.server import config_of
+from service.run.server import Server as Uvicorn
+from service.run.server import config_of
 from service.settings import Settings
 from service.stream import packing
 

@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from service import messages
 from service.app import create_app
 from service.errors import PROBLEMS
 from service.settings import Settings
+from service.stream import messages
 
 CHANNELS = st.integers(0, 4)
 VERBS = st.sampled_from(["arm3", "reach", "board", "sway", "nobody"])

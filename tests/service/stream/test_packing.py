@@ -10,9 +10,9 @@ import pytest
 
 from service.stream.packing import ENCODINGS, FRAMES, HEADER, Layout, Targets, offsets_in, pack
 from tests.service.stream.conftest import Client, rotation
-from verbs.characters import Frames
-from verbs.evaluate import Blend
-from verbs.kernels import live, quat
+from verbs.kernels import character_state, quat
+from verbs.runtime.characters import Frames
+from verbs.runtime.evaluate import Blend
 from verbs.skeleton import Skeleton
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "pose_message.v1.bin"
@@ -30,15 +30,15 @@ def frames_of(count, rotations, weights=None):
         np.full(count, 0.125),
         np.zeros(count, np.bool_),
     )
-    ends = np.zeros((count, live.REPORTS))
-    ends[:, [live.AT, live.TIME, live.DURATION]] = 0.5, 1.25, 2.5
+    ends = np.zeros((count, character_state.REPORTS))
+    ends[:, [character_state.AT, character_state.TIME, character_state.DURATION]] = 0.5, 1.25, 2.5
     return Frames(blend, ends, np.tile([0.25, 1.0, -0.5], (count, 1)), rotations, np.zeros(count, np.bool_))
 
 
 def golden_message() -> bytes:
     """Three records of one pose: f32 of two joints, q48 of three, and weights."""
     frames = frames_of(3, np.tile(POSE, (3, 1, 1)))
-    frames.blend.clamped[1], frames.in_transition[1], frames.ends[2, live.ENDED] = True, True, 1.0
+    frames.blend.clamped[1], frames.in_transition[1], frames.ends[2, character_state.ENDED] = True, True, 1.0
     frames.blend.error[2] = np.nan
     layouts = [
         Layout("f32", "local", "gltf", np.array([0, 1]), 3),

@@ -13,7 +13,7 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from service import messages
+from service.stream import messages
 from tests.service.stream.conftest import eventually, talk
 from verbs.kernels import quat
 

@@ -7,8 +7,8 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from service.catalog import Catalog, Entry
-from service.stream.beat import PART_ROWS
+from service.catalog.catalog import Catalog, Entry
+from service.stream.ticker import PART_ROWS
 from tests.service.stream.conftest import talk
 from verbs.verb import Basis
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from verbs import library
-from verbs.build import basis as bases
+from verbs.authoring import basis as bases
 from verbs.kernels import measure as measures
 from verbs.verb import Adverb, Measure
 

@@ -9,9 +9,9 @@ from scipy.spatial import ConvexHull
 from tests.verbs.blend.places import grid, permuted, verb_at
 from verbs import library
 from verbs.blend.barycentric import Barycentric
+from verbs.domain import accuracy_points, random_points
 from verbs.errors import IllPosedVerb, UnknownName
-from verbs.evaluate import Evaluator
-from verbs.measure.domain import accuracy_points, random_points
+from verbs.runtime.evaluate import Evaluator
 
 RANDOM = {dims: np.random.default_rng(dims).uniform(-1, 1, (12 + 4 * dims, dims)) for dims in (1, 2, 3, 4, 6)}
 PLACES = {**{f"random {d}": values for d, values in RANDOM.items()}, **{f"grid {d}": grid(3, d) for d in (1, 2, 3, 4)}}

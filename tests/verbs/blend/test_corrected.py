@@ -7,19 +7,19 @@ import pytest
 
 from tests.verbs.sources import arm_source
 from verbs import library
+from verbs.authoring import basis as bases
+from verbs.authoring import curves
+from verbs.authoring.fit import build
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
-from verbs.build import basis as bases
-from verbs.build import curves
-from verbs.build.fit import build
-from verbs.evaluate import Evaluator
+from verbs.domain import accuracy_points, random_points
 from verbs.goal import Goal
 from verbs.io import bvh
-from verbs.kernels import correct, quat
-from verbs.measure.domain import accuracy_points, random_points
-from verbs.measure.leave_out import subset
-from verbs.measure.smoothness import smoothness, zoom_ratios
+from verbs.kernels import correction, quat
 from verbs.motion import Motion
+from verbs.quality.leave_one_out import subset
+from verbs.quality.smoothness import smoothness, zoom_ratios
+from verbs.runtime.evaluate import Evaluator
 
 POSITIONS = ["reach", "punch", "kick"]
 KAPPA = {"reach": 0.85, "punch": 0.85, "jump": 0.85, "locomotion": 0.95, "kick": 1.25}
@@ -75,12 +75,12 @@ def test_jacobian_equals_central_differences(mocap, verb_of, name):
         weights += 0.3 * (np.random.default_rng(seed + 50).dirichlet(np.full(count, 0.3)) - 1.0 / count)
         if name == "locomotion":
             shares = np.empty((2, count))
-            correct.velocity_jacobian(weights, verb.strides, verb.phases, goal.log_lengths, point, jacobian, shares)
+            correction.velocity_jacobian(weights, verb.strides, verb.phases, goal.log_lengths, point, jacobian, shares)
         elif name == "jump":
-            correct.jump_jacobian(weights, goal.roots, point, jacobian)
+            correction.jump_jacobian(weights, goal.roots, point, jacobian)
         else:
             chain = chain_of(goal)
-            correct.position_jacobian(weights, verb.rotation_mode, *chain, point, jacobian)
+            correction.position_jacobian(weights, verb.rotation_mode, *chain, point, jacobian)
         steps = 1e-5 * np.eye(count)
         numeric = (goal.reached(weights + steps) - goal.reached(weights - steps)).T / 2e-5
         np.testing.assert_allclose(jacobian, numeric, atol=1e-7)
@@ -92,7 +92,7 @@ def test_jacobian_of_rotation_vectors_equals_central_differences(tmp_path):
     goal, count = Goal.of_verb(verb), len(verb.examples)
     weights, point, jacobian = np.full(count, 1.0 / count), np.empty(3), np.empty((3, count))
     chain = chain_of(goal)
-    correct.position_jacobian(weights, verb.rotation_mode, *chain, point, jacobian)
+    correction.position_jacobian(weights, verb.rotation_mode, *chain, point, jacobian)
     steps = 1e-5 * np.eye(count)
     numeric = (goal.reached(weights + steps) - goal.reached(weights - steps)).T / 2e-5
     np.testing.assert_allclose(jacobian, numeric, atol=1e-8)

@@ -7,13 +7,13 @@ from scipy.optimize import minimize
 
 from tests.verbs.blend.places import permuted, verb_at
 from verbs import library
+from verbs.authoring import basis as bases
 from verbs.blend.corrected import Corrected
 from verbs.blend.inverse import Constraint, Inverse
-from verbs.build import basis as bases
+from verbs.domain import accuracy_points, random_points
 from verbs.errors import OutOfRange, UnknownName
 from verbs.goal import Goal
-from verbs.measure.domain import accuracy_points, random_points
-from verbs.measure.smoothness import curvature, slices
+from verbs.quality.smoothness import curvature, slices
 from verbs.verb import Adverb
 
 ELBOW = "RightForeArm"
@@ -31,7 +31,7 @@ def points(reach):
 
 def placed(verb, weights, joint, keytime):
     """Positions (B, 3) of a joint at a keytime, through poses: a way of its own."""
-    from verbs.evaluate import Blend, Evaluator
+    from verbs.runtime.evaluate import Blend, Evaluator
 
     evaluator, count = Evaluator(verb), len(weights)
     blend = Blend("test", weights, np.empty((count, 0)), np.empty(count), np.zeros(count, bool))

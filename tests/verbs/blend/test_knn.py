@@ -6,9 +6,9 @@ import pytest
 from tests.verbs.blend.places import verb_at
 from verbs import library
 from verbs.blend.knn import Knn
-from verbs.evaluate import Evaluator
-from verbs.measure.domain import accuracy_points
-from verbs.measure.smoothness import slice_curvature, slices
+from verbs.domain import accuracy_points
+from verbs.quality.smoothness import slice_curvature, slices
+from verbs.runtime.evaluate import Evaluator
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from tests.verbs.blend.places import permuted
 from verbs import library
 from verbs.blend.cardinal import Rbf
 from verbs.blend.perdof import PerDof, cost
-from verbs.measure.domain import accuracy_points
+from verbs.domain import accuracy_points
 
 
 def blended(verb, points):

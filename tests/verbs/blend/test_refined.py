@@ -10,8 +10,8 @@ from verbs import library
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.refined import CROSSOVER, Hybrid, Refined
 from verbs.blend.search import Search
+from verbs.domain import random_points
 from verbs.errors import RequestError
-from verbs.measure.domain import random_points
 from verbs.refine import Rules, refine
 from verbs.verb import Verb
 

@@ -7,13 +7,13 @@ import pytest
 
 from tests.verbs.blend.places import verb_at
 from verbs import library
+from verbs.authoring import basis as bases
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.search import Search
-from verbs.build import basis as bases
+from verbs.domain import accuracy_points
 from verbs.errors import OutOfRange
 from verbs.goal import Goal
-from verbs.measure.domain import accuracy_points
-from verbs.measure.report import diagonal
+from verbs.quality.report import diagonal
 from verbs.verb import Adverb
 
 

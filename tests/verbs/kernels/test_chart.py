@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from verbs.build.basis import chart_of, domain_of
+from verbs.authoring.basis import chart_of, domain_of
 from verbs.kernels import chart
 
 AXES = np.array([0, 1, 2])

@@ -1,0 +1,59 @@
+"""Parts of the OpenAPI document that several routes share."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Path
+from pydantic import BaseModel
+
+from service.errors import MEDIA_TYPE, PROBLEMS
+from service.http.negotiation import JSON, OCTETS
+
+__all__ = ["ASKING", "LOOKING", "VerbName", "body", "forms", "problems"]
+
+VerbName = Annotated[str, Path(description="Name of a verb, as `GET /v1/verbs` lists them.", examples=["reach"])]
+
+LOOKING = ("unknown_verb", "not_ready")
+ASKING = (
+    *LOOKING,
+    "malformed_body",
+    "unknown_version",
+    "not_acceptable",
+    "body_too_large",
+    "batch_too_large",
+    "unsupported_media_type",
+    "invalid_request",
+    "overloaded",
+)
+"""Codes that a route which only looks, and one that evaluates, may answer with."""
+
+
+def problems(*codes: str) -> dict[int | str, dict[str, Any]]:
+    """Documented problem responses, by status."""
+    rows: dict[int | str, dict[str, Any]] = {}
+    for code in codes:
+        row = PROBLEMS[code]
+        known = rows.setdefault(row.status, {"description": row.title, "content": {MEDIA_TYPE: {"schema": _PROBLEM}}})
+        if row.title not in known["description"]:
+            known["description"] += f"; {row.title.lower()}"
+    return rows
+
+
+def forms(*others: str) -> dict[int | str, dict[str, Any]]:
+    """The successful response in other forms than JSON, which the response model documents."""
+    return {200: {"content": {form: {"schema": _schema(form)} for form in others}}}
+
+
+def body(model: type[BaseModel], *others: str) -> dict[str, Any]:
+    """A request body that the handler reads by itself."""
+    content: dict[str, Any] = {JSON: {"schema": {"$ref": f"#/components/schemas/{model.__name__}"}}}
+    content |= {form: {"schema": _schema(form)} for form in others}
+    return {"requestBody": {"required": True, "content": content}}
+
+
+_PROBLEM = {"$ref": "#/components/schemas/ProblemAnswer"}
+
+
+def _schema(form: str) -> dict[str, str]:
+    return {"type": "string", "format": "binary"} if form == OCTETS else {"type": "string"}

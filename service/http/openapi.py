@@ -1,0 +1,89 @@
+"""The OpenAPI document: FastAPI's, with the bodies that handlers read by themselves.
+
+``python -m service.http.openapi``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+from pydantic.json_schema import models_json_schema
+
+from service.http import request_models, response_models
+from service.stream import messages
+
+__all__ = ["API_VERSION", "DESCRIPTION", "FILE", "install", "text"]
+
+API_VERSION = "1"
+
+DESCRIPTION = (
+    "Example motions in, any motion in between out, with its measured error. Right-handed, +Y up, +Z forward, +X left; "
+    "metres, seconds, radians; quaternions x, y, z, w. Errors are RFC 9457 problems with a stable `code`."
+)
+
+FILE = Path(__file__).parents[2] / "docs" / "openapi.json"
+
+_READ_BY_HANDLERS = (
+    request_models.PoseRequest,
+    request_models.BatchRequest,
+    request_models.SequenceRequest,
+    request_models.RefinementRequest,
+    response_models.ProblemAnswer,
+)
+
+
+def install(app: FastAPI) -> None:
+    """Make an app answer ``/openapi.json`` with the whole document, made once."""
+
+    def whole() -> dict[str, Any]:
+        if not app.openapi_schema:
+            app.openapi_schema = _document(app)
+        return app.openapi_schema
+
+    app.openapi = whole  # type: ignore[method-assign]
+
+
+def _document(app: FastAPI) -> dict[str, Any]:
+    document = get_openapi(
+        title=app.title, version=app.version, description=app.description, routes=app.routes, tags=app.openapi_tags
+    )
+    known = document.setdefault("components", {}).setdefault("schemas", {})
+    for name, adapter in (("ClientMessage", messages.CLIENT), ("ServerMessage", messages.SERVER)):
+        union = adapter.json_schema(ref_template="#/components/schemas/{model}")
+        for part, schema in union.pop("$defs").items():
+            known.setdefault(part, schema)
+        known[name] = union
+    _, definitions = models_json_schema(
+        [(model, "validation") for model in _READ_BY_HANDLERS], ref_template="#/components/schemas/{model}"
+    )
+    for name, schema in definitions["$defs"].items():
+        known.setdefault(name, schema)
+    for path in document["paths"].values():
+        for operation in path.values():
+            _correct(operation)
+    return document
+
+
+def _correct(operation: dict[str, Any]) -> None:
+    """Mistakes in parameters are problems, not FastAPI's own kind of answer."""
+    responses = operation["responses"]
+    default = responses.get("422", {}).get("content", {})
+    if "application/json" in default:
+        del default["application/json"]
+        default["application/problem+json"] = {"schema": {"$ref": "#/components/schemas/ProblemAnswer"}}
+
+
+def text() -> str:
+    """The document as it is committed: sorted, and the same for the same code."""
+    from service.app import create_app
+    from service.settings import Settings
+
+    return json.dumps(create_app(Settings()).openapi(), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+if __name__ == "__main__":
+    FILE.write_text(text(), encoding="utf-8")

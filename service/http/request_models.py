@@ -1,0 +1,174 @@
+"""What clients send: models by which request bodies are checked.
+
+What they get is in :mod:`service.http.response_models`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NotRequired, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator, with_config
+from typing_extensions import TypedDict
+
+from verbs.conventions import MAX_ADVERBS, MAX_JOINTS
+from verbs.runtime.sequence import MAX_CYCLES, MAX_FPS
+
+__all__ = [
+    "STRICT",
+    "BatchItem",
+    "BatchRequest",
+    "Name",
+    "Options",
+    "PoseRequest",
+    "RefinementRequest",
+    "SequenceRequest",
+    "Space",
+    "TrackPoint",
+]
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Adverbs = Annotated[
+    dict[Name, float],
+    Field(
+        min_length=1,
+        max_length=MAX_ADVERBS,
+        description="All adverbs of the verb by name, in their units. Values outside the domain are drawn back to it.",
+        examples=[{"x": -0.3, "y": 1.2, "z": 0.4}],
+    ),
+]
+Phase = Annotated[
+    float | None,
+    Field(ge=0, le=1_000, description="Canonical time, 0 to 1; a looping verb's goes on past 1. 0 by default."),
+]
+Time = Annotated[
+    float | None,
+    Field(ge=0, le=3_600, description="Seconds from the start, instead of a phase; the end holds."),
+]
+Space = Literal["local", "global"]
+
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+class _Asked(BaseModel):
+    """A request body: nothing unknown, nothing converted, nothing that is not finite."""
+
+    model_config = STRICT
+
+
+class Options(_Asked):
+    """What all evaluating routes have in common."""
+
+    method: Annotated[
+        Name | None,
+        Field(description="Blending method, one of the verb's `methods`; by default its `default_method`."),
+    ] = None
+    space: Annotated[
+        Space, Field(description="`global` gives rotations in the verb's space, and the joints' positions.")
+    ] = "local"
+    joints: Annotated[
+        list[Name] | None,
+        Field(min_length=1, max_length=MAX_JOINTS, description="Joints to give, in this order; all by default."),
+    ] = None
+    version: Annotated[
+        int | None,
+        Field(ge=1, description="The version that must answer; by default the current one."),
+    ] = None
+    weights: Annotated[bool, Field(description="Whether to give the examples' weights too.")] = False
+
+
+class PoseRequest(Options):
+    """One pose."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"adverbs": {"x": -0.3, "y": 1.2, "z": 0.4}, "phase": 0.5}]}
+    )
+
+    adverbs: Adverbs
+    phase: Phase = None
+    time: Time = None
+    max_error: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            description="Largest error that the client can use, metres: rbf, search, corrected and a polish of the "
+            "joints are tried in this order, from `method` on where it is given, until it is met. `tried` in the "
+            "answer says what was done, `met` whether it was enough; the pose is given either way.",
+        ),
+    ] = None
+
+
+@with_config(STRICT)
+class BatchItem(TypedDict):
+    """One character of a crowd."""  # a plain mapping: a thousand models take three times as long to make
+
+    adverbs: Adverbs
+    phase: NotRequired[Phase]
+    time: NotRequired[Time]
+
+
+class BatchRequest(Options):
+    """Many poses of one verb. All items give a phase, or all a time."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "items": [
+                        {"adverbs": {"x": -0.3, "y": 1.2, "z": 0.4}, "phase": 0.5},
+                        {"adverbs": {"x": -0.1, "y": 1.5, "z": 0.3}, "phase": 0.25},
+                    ]
+                }
+            ]
+        }
+    )
+
+    items: Annotated[list[BatchItem], Field(min_length=1, max_length=10_000)]
+
+
+class TrackPoint(_Asked):
+    """Adverbs at an instant."""
+
+    time: Annotated[float, Field(ge=0, le=3_600, description="Seconds from the start.")]
+    adverbs: Adverbs
+
+
+class SequenceRequest(Options):
+    """A whole motion: at constant adverbs, or along a track of them."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"adverbs": {"x": -0.3, "y": 1.2, "z": 0.4}, "fps": 30}]})
+
+    adverbs: Adverbs | None = None
+    track: Annotated[
+        list[TrackPoint] | None,
+        Field(
+            min_length=1,
+            max_length=1_000,
+            description="Adverbs over time instead of constant ones: linear between the points, whose times rise, and "
+            "held before and after them.",
+        ),
+    ] = None
+    fps: Annotated[float, Field(ge=1, le=MAX_FPS, description="Frames per second.")] = 30.0
+    cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES, description="Cycles of a looping verb.")] = 1
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.adverbs is None) == (self.track is None):
+            raise ValueError("give either 'adverbs' or 'track'")
+        return self
+
+
+class RefinementRequest(_Asked):
+    """What a refinement should come to."""
+
+    target_error: Annotated[
+        float,
+        Field(gt=0, le=10, description="Largest error at which to stop, as a share of the goals' diagonal."),
+    ] = 0.01
+    max_pseudo: Annotated[int, Field(ge=0, le=2_000, description="Most pseudo-examples.")] = 300
+    budget_s: Annotated[float, Field(gt=0, le=7 * 24 * 3600, description="Most computing time, seconds.")] = 600.0
+    method: Annotated[Literal["refined", "hybrid"], Field(description="Method by which the result is judged.")] = (
+        "refined"
+    )
+    weighted_by_traffic: Annotated[bool, Field(description="Whether to look first where the verb is asked.")] = False
+    seed: Annotated[int, Field(ge=0, le=10**6)] = 1
+    priority: Annotated[int, Field(ge=1, le=100, description="1 is served first.")] = 50

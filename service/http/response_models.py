@@ -1,0 +1,319 @@
+"""What clients get, described. What they send is in :mod:`service.http.request_models`.
+
+Answers are not made by these models: they are written from arrays by orjson, since validating a pose takes longer than
+blending it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+__all__ = [
+    "Live",
+    "PoseAnswer",
+    "PosesAnswer",
+    "ProblemAnswer",
+    "Ready",
+    "RefinementAnswer",
+    "RefinementList",
+    "SequenceAnswer",
+    "UploadAnswer",
+    "VerbAnswer",
+    "VerbList",
+    "VerbSummary",
+    "VersionAnswer",
+    "VersionsAnswer",
+]
+
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class _Adverb(BaseModel):
+    name: str
+    unit: str
+    min: float
+    max: float
+    style: Annotated[bool, Field(description="True where the motion cannot be measured for it.")]
+    description: str
+
+
+class _Tip(BaseModel):
+    parent: int
+    offset: Vector
+
+
+class _Skeleton(BaseModel):
+    names: list[str]
+    parents: Annotated[list[int], Field(description="Index of each joint's parent; -1 for the root.")]
+    offsets: Annotated[list[Vector], Field(description="Position in the parent's frame, metres.")]
+    tips: Annotated[list[_Tip], Field(description="Ends of fingers, toes, crown: they have no rotation.")]
+
+
+class _Example(BaseModel):
+    name: str
+    adverbs: dict[str, float]
+    keytimes: Annotated[list[float], Field(description="Seconds from the first keytime.")]
+    point: Annotated[
+        Vector | None,
+        Field(description="Where its effector is at the keytime, or (x, rise, z) of a jump, metres; null elsewhere."),
+    ]
+
+
+class _PseudoExample(BaseModel):
+    adverbs: dict[str, float]
+    point: Annotated[Vector | None, Field(description="As of an example.")]
+
+
+class _Range(BaseModel):
+    min: float
+    max: float
+
+
+class _Domain(BaseModel):
+    text: str
+    chart: str
+    chart_axes: list[int]
+    chart_bend: list[float]
+    shift: list[float]
+    scale: list[float]
+    facets: list[list[float]]
+    middle: list[float]
+
+
+class _Measure(BaseModel):
+    kind: Annotated[str, Field(description="none, joint_position, jump or root_velocity.")]
+    effector: str | None
+    keytime: str | None
+    adverbs: Annotated[list[str], Field(description="Adverbs that are measured.")]
+    unit: Annotated[str, Field(description="Unit of the error.")]
+    origin: Annotated[Vector | None, Field(description="Of joint_position: where measured adverbs of 0 are, metres.")]
+    frame: Annotated[
+        list[list[float]] | None,
+        Field(description="Of joint_position: 3 rows; a goal is origin + frame · measured adverbs."),
+    ]
+
+
+class VerbSummary(BaseModel):
+    """One verb of the list."""
+
+    name: str
+    version: int
+    description: str
+    looping: bool
+    adverbs: list[str]
+    joints: int
+    examples: int
+    duration: Annotated[_Range, Field(description="Shortest and longest example, seconds.")]
+    default_method: str
+
+
+class VerbList(BaseModel):
+    """The verbs that are served."""
+
+    verbs: list[VerbSummary]
+
+
+class VerbAnswer(BaseModel):
+    """All that a client needs to know about a verb."""
+
+    name: str
+    version: int
+    description: str
+    looping: bool
+    adverbs: list[_Adverb]
+    skeleton: _Skeleton
+    examples: list[_Example]
+    pseudo_examples: Annotated[list[_PseudoExample], Field(description="Where refinement put some.")]
+    keytime_names: list[str]
+    keytime_phases: list[float]
+    duration: _Range
+    domain: Annotated[
+        _Domain,
+        Field(description="{u : facets · (u - middle) ≤ 1}, u = (chart(adverbs) - shift) · scale."),
+    ]
+    methods: list[str]
+    default_method: str
+    measure: _Measure
+    quality: Annotated[dict[str, Any], Field(description="Figures that were measured when the verb was built.")]
+
+
+_Table = list[list[float | None]]
+
+
+class QualityAnswer(BaseModel):
+    """What a method does over a plane of adverbs."""
+
+    verb: str
+    version: int
+    method: str
+    unit: Annotated[str, Field(description="Unit of the error.")]
+    across: str
+    up: Annotated[str, Field(description="The same as `across` where the verb has one adverb: one row.")]
+    held: Annotated[dict[str, float], Field(description="The other adverbs.")]
+    columns: Annotated[list[float], Field(description="Values of `across`.")]
+    rows: Annotated[list[float], Field(description="Values of `up`.")]
+    error: Annotated[
+        _Table, Field(description="Rows by columns; null outside the domain and where nothing is measured.")
+    ]
+    error_mean: float | None
+    error_max: float | None
+    smoothness: Annotated[_Table, Field(description="κ of the weights; null where not all neighbours lie inside.")]
+    smoothness_mean: float | None
+    smoothness_max: float | None
+
+
+class PoseAnswer(BaseModel):
+    """One pose, and how far it is from what was asked."""
+
+    verb: str
+    version: int
+    method: str
+    phase: Annotated[float, Field(description="Canonical time.")]
+    time: Annotated[float, Field(description="Seconds from the start.")]
+    duration: Annotated[float, Field(description="Seconds of the whole motion, or of one cycle.")]
+    root: Annotated[Vector, Field(description="Position of the root joint, metres.")]
+    rotations: Annotated[list[Quaternion], Field(description="Unit quaternions x, y, z, w in the order of the joints.")]
+    positions: Annotated[list[Vector] | None, Field(description="In global space: joint positions, metres.")] = None
+    root_velocity: Annotated[
+        Vector | None, Field(description="Of a striding root: sideways, forward (m/s), turn (rad/s).")
+    ] = None
+    measured: Annotated[dict[str, float], Field(description="What the measured adverbs come to.")]
+    error: Annotated[float | None, Field(description="Distance between asked and measured; null where nothing is.")]
+    met: Annotated[bool | None, Field(description="Whether `error` is within `max_error`, where given.")] = None
+    tried: Annotated[
+        list[str] | None, Field(description="What was done to meet `max_error`, in order, where it was given.")
+    ] = None
+    clamped: Annotated[bool, Field(description="Whether the adverbs were drawn back to the domain.")]
+    weights: Annotated[list[float] | None, Field(description="Weights of the examples, where asked for; sum 1.")] = None
+
+
+class PosesAnswer(BaseModel):
+    """Poses in the order of the items."""
+
+    verb: str
+    version: int
+    method: str
+    poses: list[PoseAnswer]
+
+
+class _Event(BaseModel):
+    name: str
+    phase: float
+    time: float
+
+
+class SequenceAnswer(BaseModel):
+    """A whole motion, column by column."""
+
+    verb: str
+    version: int
+    method: str
+    fps: float
+    frames: int
+    duration: Annotated[float, Field(description="Seconds of the motion, all cycles; of a track: of its frames.")]
+    clamped: Annotated[bool, Field(description="Whether the adverbs of any frame were drawn back to the domain.")]
+    measured: Annotated[dict[str, float] | None, Field(description="What measured adverbs come to; not of a track.")]
+    error: Annotated[float | None, Field(description="Of a track, the largest.")]
+    errors: Annotated[list[float | None] | None, Field(description="Of a track: the error of each frame.")] = None
+    weights: Annotated[
+        list[list[float]] | None, Field(description="Where asked for: one row, or of a track one per frame.")
+    ] = None
+    events: Annotated[list[_Event], Field(description="Keytimes that pass, by name.")]
+    times: list[float]
+    phases: list[float]
+    root: list[Vector]
+    root_velocity: list[Vector] | None = None
+    positions: list[list[Vector]] | None = None
+    rotations: list[list[Quaternion]]
+
+
+class VersionAnswer(BaseModel):
+    """One version of a verb."""
+
+    verb: str
+    version: int
+    current: Annotated[bool, Field(description="Whether it is the one that is served.")]
+    sha256: str
+    bytes: int
+    who: Annotated[str, Field(description="Who published it.")]
+    why: str
+    created_at: Annotated[float, Field(description="Seconds since 1970.")]
+    parent: Annotated[int | None, Field(description="The version that it was refined from.")]
+    quality: dict[str, Any]
+
+
+class VersionsAnswer(BaseModel):
+    """Versions of a verb, the newest first."""
+
+    verb: str
+    current: int | None
+    versions: list[VersionAnswer]
+
+
+class UploadAnswer(VersionAnswer):
+    """The version that an upload became."""
+
+    warnings: Annotated[list[str], Field(description="What its author should know.")]
+
+
+class RefinementAnswer(BaseModel):
+    """One refinement."""
+
+    id: str
+    verb: str
+    state: Literal["queued", "running", "published", "not_better", "failed", "cancelled", "given_up"]
+    asked: dict[str, Any]
+    progress: Annotated[dict[str, Any], Field(description="`pseudo`, `error_mean`, `error_max`, and the `curve`.")]
+    version_before: int | None
+    version_after: int | None
+    detail: str
+    created_at: float
+    updated_at: float
+
+
+class RefinementList(BaseModel):
+    """Refinements, the newest first."""
+
+    refinements: list[RefinementAnswer]
+
+
+class Live(BaseModel):
+    """The process answers."""
+
+    live: bool
+
+
+class _SkippedFile(BaseModel):
+    file: str
+    problem: str
+
+
+class Ready(BaseModel):
+    """Verbs are loaded and kernels warm."""
+
+    ready: bool
+    degraded: Annotated[bool, Field(description="Verbs are served as they were: the store cannot be reached now.")]
+    problem: Annotated[str | None, Field(description="What is wrong, where it is degraded.")]
+    verbs: int
+    skipped: Annotated[list[_SkippedFile], Field(description="Files of the data folder that cannot be served.")]
+
+
+class _Mistake(BaseModel):
+    at: str
+    problem: str
+
+
+class ProblemAnswer(BaseModel):
+    """RFC 9457 problem details."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    code: Annotated[str, Field(description="Stable: programs may compare it.")]
+    known: Annotated[list[str] | None, Field(description="Names or media types that exist.")] = None
+    limit: Annotated[int | None, Field(description="What is allowed at most.")] = None
+    errors: Annotated[list[_Mistake] | None, Field(description="Where a body does not fit its schema.")] = None

@@ -1,0 +1,62 @@
+"""Is it alive, is it ready, how is it doing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import orjson
+from fastapi import APIRouter, Request
+from starlette.responses import Response
+
+from service.http.documented import problems
+from service.http.negotiation import JSON
+from service.http.response_models import Live, Ready
+from service.state import serving_of
+
+__all__ = ["router"]
+
+router = APIRouter(tags=["health"])
+
+METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+
+_TEXT: dict[int | str, dict[str, Any]] = {
+    200: {"description": "Prometheus text", "content": {"text/plain": {"schema": {"type": "string"}}}}
+}
+
+
+@router.get("/v2/health/live", operation_id="live_kserve", response_model=Live, summary="Alive (KServe v2)")
+@router.get("/livez", operation_id="live", response_model=Live, summary="Alive")
+async def live() -> Response:
+    """Say that the process answers; it may still be loading verbs."""
+    return Response(b'{"live":true}', media_type=JSON)
+
+
+@router.get(
+    "/v2/health/ready",
+    operation_id="ready_kserve",
+    response_model=Ready,
+    responses=problems("not_ready"),
+    summary="Ready (KServe v2)",
+)
+@router.get("/readyz", operation_id="ready", response_model=Ready, responses=problems("not_ready"), summary="Ready")
+async def ready(request: Request) -> Response:
+    """Say that verbs are loaded and kernels warm, and which files of the data folder cannot be served.
+
+    While the database is away verbs are served from memory: still ready, `degraded`, and `problem` says why.
+    """
+    serving = serving_of(request)
+    catalog, problem = serving.current(), serving.problem
+    answer = {
+        "ready": True,
+        "degraded": problem is not None,
+        "problem": problem,
+        "verbs": len(catalog.entries),
+        "skipped": [{"file": row.file, "problem": row.problem} for row in catalog.skipped],
+    }
+    return Response(orjson.dumps(answer), media_type=JSON)
+
+
+@router.get("/metrics", operation_id="metrics", response_class=Response, responses=_TEXT, summary="Metrics")
+def metrics(request: Request) -> Response:
+    """Give all metrics in Prometheus' text form. A plain function, since writing them takes milliseconds."""
+    return Response(serving_of(request).metrics.text(), headers={"content-type": METRICS_TYPE})

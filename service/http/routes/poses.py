@@ -1,0 +1,129 @@
+"""Poses: one, many, or a whole motion."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from starlette.responses import Response
+
+from service import wire
+from service.http import evaluation, response_json
+from service.http.direct import Direct
+from service.http.documented import ASKING, VerbName, body, forms, problems
+from service.http.negotiation import BVH, JSON, OCTETS, accepted, media_type, read, read_model, sliced
+from service.http.request_models import BatchRequest, Name, PoseRequest, SequenceRequest, Space
+from service.http.response_models import PoseAnswer, PosesAnswer, SequenceAnswer
+from service.state import served, trace_of
+from verbs.errors import RequestError
+from verbs.io import bvh
+from verbs.runtime import sequence as sequences
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/v1/verbs/{verb}", tags=["poses"])
+quick = APIRouter(prefix=router.prefix, tags=["poses"], route_class=Direct)
+
+
+@quick.post(
+    "/pose",
+    operation_id="pose",
+    response_model=PoseAnswer,
+    responses={**forms(OCTETS), **problems(*ASKING)},
+    openapi_extra=body(PoseRequest),
+    summary="One pose",
+)
+async def pose(request: Request, verb: VerbName) -> Response:
+    """Blend one pose at adverbs and an instant, and say how far it is from what was asked.
+
+    With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
+    `weights`, `measured` and `met` have no place there.
+    """
+    serving, entry = served(request, verb)
+    form = accepted(request, JSON, OCTETS)
+    asked = await read_model(request, PoseRequest)
+    entry = await serving.at(entry, asked.version)
+    found = await evaluation.pose(serving, entry, asked)
+    serving.asked(entry, asked.adverbs, found.poses.blend)
+    trace_of(request).method = found.poses.blend.method
+    if form == OCTETS:
+        return Response(wire.encode_one(found.poses, found.turns, entry.version), media_type=OCTETS)
+    text = response_json.single_json(entry, found, weights=asked.weights, max_error=asked.max_error)
+    return Response(text, media_type=JSON)
+
+
+@router.post(
+    "/poses",
+    operation_id="poses",
+    response_model=PosesAnswer,
+    responses={**forms(OCTETS), **problems(*ASKING)},
+    openapi_extra=body(BatchRequest, OCTETS),
+    summary="Many poses",
+)
+async def poses(
+    request: Request,
+    verb: VerbName,
+    method: Annotated[Name | None, Query(description="Blending method, of a binary body.")] = None,
+    space: Annotated[Space | None, Query(description="Space, of a binary body.")] = None,
+    joints: Annotated[list[Name] | None, Query(max_length=1_000, description="Joints, of a binary body.")] = None,
+    version: Annotated[int | None, Query(ge=1, description="Version, of a binary body.")] = None,
+) -> Response:
+    """Blend a pose for each character of a crowd, in one call.
+
+    A binary body (`Content-Type: application/octet-stream`) is one row of little-endian float32 per pose: the
+    adverbs in the verb's order, then the phase; its options stand in the query. A binary answer is one record per
+    pose, one after the other; a record's channel is its row modulo 65,536.
+    """
+    serving, entry = served(request, verb)
+    form = accepted(request, JSON, OCTETS)
+    query = {"method": method, "space": space, "joints": joints, "version": version}
+    if media_type(request, JSON, OCTETS) == OCTETS:
+        entry = await serving.at(entry, version)
+        batch = evaluation.binary_batch(serving, entry, await read(request), query)
+    else:
+        batch = evaluation.json_batch(serving, await read_model(request, BatchRequest), query)
+        entry = await serving.at(entry, batch.options.version)
+    found = await evaluation.poses(serving, entry, batch)
+    serving.asked(entry, batch.adverbs, found.poses.blend, rows=len(batch.at))
+    trace_of(request).method = found.poses.blend.method
+    if form == OCTETS:
+        return Response(await evaluation.records(serving, entry, found, crowd=True), media_type=OCTETS)
+    return sliced(response_json.poses_json(entry, found, weights=batch.options.weights))
+
+
+@quick.post(
+    "/sequence",
+    operation_id="sequence",
+    response_model=SequenceAnswer,
+    responses={**forms(OCTETS, BVH), **problems(*ASKING)},
+    openapi_extra=body(SequenceRequest),
+    summary="A whole motion",
+)
+async def sequence(request: Request, verb: VerbName) -> Response:
+    """Blend a whole motion at `fps` frames per second, at constant adverbs or along a track of them.
+
+    Frames stand at 0, 1/fps, … up to the last one that is not past the end. As `application/octet-stream` the answer
+    is one binary record per frame, channel 0, the last one flagged; as `text/x-bvh` it is a file in metres and degrees,
+    always of all joints.
+    """
+    serving, entry = served(request, verb)
+    form = accepted(request, JSON, OCTETS, BVH)
+    asked = await read_model(request, SequenceRequest)
+    entry = await serving.at(entry, asked.version)
+    if form == BVH and (asked.joints is not None or asked.space != "local"):
+        raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
+    motion = await evaluation.sequence(serving, entry, asked)
+    track = [point.adverbs for point in asked.track or ()]
+    serving.asked(entry, asked.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
+    trace_of(request).method = motion.frames.poses.blend.method
+    if form == OCTETS:
+        return Response(await evaluation.records(serving, entry, motion.frames, crowd=False), media_type=OCTETS)
+    if form == BVH:
+        whole = sequences.to_motion(entry.evaluator, motion.frames.poses, motion.fps)
+        text = await serving.pool.run(25.0 * len(whole), lambda: bvh.dump(whole))
+        name = f'attachment; filename="{entry.verb.name}.bvh"'
+        return Response(text, headers={"content-type": f"{BVH}; charset=utf-8", "content-disposition": name})
+    return sliced(response_json.sequence_json(entry, motion, weights=asked.weights))
+
+
+router.routes[:0] = quick.routes

@@ -1,0 +1,96 @@
+"""How good a verb is, and where."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+import orjson
+from fastapi import APIRouter, Query, Request
+from starlette.responses import Response
+
+from service.http.documented import LOOKING, VerbName, problems
+from service.http.negotiation import JSON
+from service.http.request_models import Name
+from service.http.response_models import QualityAnswer
+from service.state import served, trace_of
+from verbs.conventions import F64
+from verbs.errors import RequestError
+from verbs.quality import quality_map
+from verbs.runtime import describe
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/v1/verbs", tags=["verbs"])
+
+NODE_US = 40.0
+"""What a node takes, roughly; by inverse blending it is ten times as much, and every map is made in a thread."""
+
+_AT = Query(max_length=2_000, description="Adverbs that are held, `name=value,…`; the others are at mid-range.")
+
+
+@router.get(
+    "/{verb}/quality",
+    operation_id="quality",
+    response_model=QualityAnswer,
+    responses=problems(*LOOKING, "unknown_version", "invalid_request", "overloaded"),
+    summary="Maps of error and smoothness",
+)
+async def quality(
+    request: Request,
+    verb: VerbName,
+    method: Annotated[Name | None, Query(description="One of the verb's `methods`; its own by default.")] = None,
+    across: Annotated[Name | None, Query(description="Adverb from left to right.")] = None,
+    up: Annotated[Name | None, Query(description="Adverb from below to above.")] = None,
+    at: Annotated[str, _AT] = "",
+    nodes: Annotated[int, Query(ge=3, le=quality_map.MOST_NODES, description="Nodes to a side.")] = 41,
+    version: Annotated[int | None, Query(ge=1, description="A version; the current one by default.")] = None,
+) -> Response:
+    """Measure a method over a plane of adverbs: the error, and how much its weights bend (κ).
+
+    Nodes outside the domain are null. κ scales with the square of the spacing: compare maps of one grid only.
+    """
+    serving, entry = served(request, verb)
+    entry = await serving.at(entry, version)
+    entry.check(method=method)
+    held = _held(at)
+    work = partial(quality_map.over, entry.evaluator, method=method, across=across, up=up, held=held, nodes=nodes)
+    found = await serving.pool.run(NODE_US * nodes * nodes, work)
+    trace_of(request).method = found.method
+    head = {
+        "verb": entry.verb.name,
+        "version": entry.version,
+        "method": found.method,
+        "unit": entry.verb.measure.unit,
+        "across": found.across,
+        "up": found.up,
+        "held": found.held,
+        "columns": found.columns.tolist(),
+        "rows": found.rows.tolist(),
+    }
+    for name, values in (("error", found.error), ("smoothness", found.smoothness)):
+        head |= {name: _table(values), f"{name}_mean": _of(values, np.mean), f"{name}_max": _of(values, np.max)}
+    return Response(orjson.dumps(head), media_type=JSON)
+
+
+def _held(text: str) -> dict[str, float]:
+    """Adverbs of ``name=value,…``; raises :class:`RequestError` where the text is no such list."""
+    held = {}
+    for part in filter(None, text.split(",")):
+        name, _, value = part.partition("=")
+        try:
+            held[name.strip()] = float(value)
+        except ValueError:
+            raise RequestError(f"'at' must be name=value, …; '{part[:100]}' is not") from None
+    return held
+
+
+def _table(values: F64) -> list[list[float | None]]:
+    return [describe.numbers(row) for row in values]
+
+
+def _of(values: F64, figure: object) -> float | None:
+    """A figure of the values that are finite; None where none is."""
+    found = values[np.isfinite(values)]
+    return float(figure(found)) if len(found) else None  # type: ignore[operator]

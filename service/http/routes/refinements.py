@@ -1,0 +1,160 @@
+"""Refinements: start, list, follow, cancel."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from functools import partial
+from typing import Annotated, Any
+
+import orjson
+from fastapi import APIRouter, Query, Request
+from starlette.responses import Response, StreamingResponse
+
+from service.compute import aside
+from service.errors import AlreadyRefining, ReadOnly
+from service.http.documented import VerbName, body, problems
+from service.http.negotiation import JSON, read_model
+from service.http.request_models import RefinementRequest
+from service.http.response_models import RefinementAnswer, RefinementList
+from service.refinement.errors import AlreadyRunning
+from service.refinement.job_spec import Asked
+from service.refinement.queue import Refinements
+from service.state import Serving, serving_of
+from service.store.store import Job
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/v1", tags=["refinements"])
+
+FOLLOW_S = 0.5
+"""Time between two looks at a job that somebody follows."""
+
+ENDED = {"published", "not_better", "failed", "cancelled", "given_up"}
+
+
+@router.post(
+    "/verbs/{verb}/refinements",
+    operation_id="refine_verb",
+    status_code=202,
+    response_model=RefinementAnswer,
+    responses=problems(
+        "unknown_verb", "read_only", "already_refining", "store_unavailable", "not_ready", "malformed_body",
+        "invalid_request", "unsupported_media_type",
+    ),
+    openapi_extra=body(RefinementRequest),
+    summary="Refine a verb",
+)  # fmt: skip
+async def start(request: Request, verb: VerbName) -> Response:
+    """Have a worker insert pseudo-examples where the verb is worst; the result is published if it is better."""
+    serving = serving_of(request)
+    refinements = _refinements(serving)
+    entry = serving.current().entry(verb)
+    asked = await read_model(request, RefinementRequest)
+    wanted = Asked.of(asked.model_dump())
+    try:
+        job = await aside(lambda: refinements.start(verb, entry.version, wanted, "a client"))
+    except AlreadyRunning as err:
+        raise AlreadyRefining(str(err), refinement=err.job) from err
+    return Response(orjson.dumps(_told(job)), 202, {"Location": f"/v1/refinements/{job.id}"}, JSON)
+
+
+@router.get(
+    "/refinements",
+    operation_id="list_refinements",
+    response_model=RefinementList,
+    responses=problems("read_only", "store_unavailable", "not_ready", "invalid_request"),
+    summary="List refinements",
+)
+async def refinements(
+    request: Request,
+    verb: Annotated[str | None, Query(max_length=64, description="Only those of this verb.")] = None,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+) -> Response:
+    """Tell which refinements there were, the newest first."""
+    known = _refinements(serving_of(request))
+    rows = await aside(lambda: known.jobs(verb=verb, limit=limit))
+    return Response(orjson.dumps({"refinements": [_told(job) for job in rows]}), media_type=JSON)
+
+
+@router.get(
+    "/refinements/{id}",
+    operation_id="show_refinement",
+    response_model=RefinementAnswer,
+    responses=problems("unknown_refinement", "read_only", "store_unavailable", "not_ready"),
+    summary="Show a refinement",
+)
+async def refinement(request: Request, id: str) -> Response:
+    """Tell how far a refinement is: state, pseudo-examples, and the error with each of them so far."""
+    known = _refinements(serving_of(request))
+    return Response(orjson.dumps(_told(await aside(lambda: known.job(id)))), media_type=JSON)
+
+
+@router.delete(
+    "/refinements/{id}",
+    operation_id="cancel_refinement",
+    response_model=RefinementAnswer,
+    responses=problems("unknown_refinement", "read_only", "store_unavailable", "not_ready"),
+    summary="Cancel a refinement",
+)
+async def cancel(request: Request, id: str) -> Response:
+    """Stop a refinement after its current step; nothing is published. One that has ended stays as it is."""
+    known = _refinements(serving_of(request))
+    return Response(orjson.dumps(_told(await aside(lambda: known.cancel(id)))), media_type=JSON)
+
+
+@router.get(
+    "/refinements/{id}/events",
+    operation_id="follow_refinement",
+    response_class=StreamingResponse,
+    responses={
+        200: {"description": "Server-sent events", "content": {"text/event-stream": {"schema": {"type": "string"}}}},
+        **problems("unknown_refinement", "read_only", "store_unavailable", "not_ready"),
+    },
+    summary="Follow a refinement",
+)
+async def follow(request: Request, id: str) -> Response:
+    """Send an event with the refinement, as `GET` gives it, whenever it changes; the last one when it has ended."""
+    known = _refinements(serving_of(request))
+    first = await aside(lambda: known.job(id))
+    headers = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_events(known, first), media_type="text/event-stream", headers=headers)
+
+
+async def _events(known: Refinements, job: Job) -> AsyncIterator[bytes]:
+    said, quiet = 0.0, 0
+    while True:
+        if job.updated_at_s != said:
+            said, quiet = job.updated_at_s, 0
+            name = b"end" if job.state in ENDED else b"progress"
+            yield b"event: " + name + b"\ndata: " + orjson.dumps(_told(job)) + b"\n\n"
+        elif quiet * FOLLOW_S >= 15:
+            quiet = 0
+            yield b": still here\n\n"
+        if job.state in ENDED:
+            return
+        quiet += 1
+        await asyncio.sleep(FOLLOW_S)
+        job = await aside(partial(known.job, job.id))
+
+
+def _refinements(serving: Serving) -> Refinements:
+    serving.current()  # not before everything is loaded
+    if serving.refinements is None:
+        raise ReadOnly("this server was started without a data folder, and refines nothing; start it with --data")
+    return serving.refinements
+
+
+def _told(job: Job) -> dict[str, Any]:
+    return {
+        "id": job.id,
+        "verb": job.verb,
+        "state": job.state,
+        "asked": dict(job.asked),
+        "progress": dict(job.progress),
+        "version_before": job.version_before,
+        "version_after": job.version_after,
+        "detail": job.detail,
+        "created_at": job.created_at_s,
+        "updated_at": job.updated_at_s,
+    }

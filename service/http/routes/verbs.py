@@ -1,0 +1,47 @@
+"""Which verbs there are."""
+
+from __future__ import annotations
+
+import orjson
+from fastapi import APIRouter, Request
+from starlette.responses import Response
+
+from service.http.documented import LOOKING, VerbName, problems
+from service.http.negotiation import JSON, header
+from service.http.response_models import VerbAnswer, VerbList
+from service.state import served, serving_of
+from verbs.runtime import describe
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/v1/verbs", tags=["verbs"])
+
+
+@router.get(
+    "", operation_id="list_verbs", response_model=VerbList, responses=problems("not_ready"), summary="List the verbs"
+)
+async def verbs(request: Request) -> Response:
+    """Name the verbs that are served, with their versions and adverbs."""
+    entries = serving_of(request).current().entries.values()
+    rows = [describe.summary(entry.verb, version=entry.version) for entry in entries]
+    return Response(orjson.dumps({"verbs": rows}), media_type=JSON)
+
+
+@router.get(
+    "/{verb}",
+    operation_id="describe_verb",
+    response_model=VerbAnswer,
+    responses={**problems(*LOOKING), 304: {"description": "Not modified"}},
+    summary="Describe a verb",
+)
+async def verb(request: Request, verb: VerbName) -> Response:
+    """Tell all about one verb: adverbs and their ranges, skeleton, examples, domain, methods, measured quality.
+
+    The answer carries an `ETag`; send it back as `If-None-Match` to be told in a few bytes that nothing changed.
+    """
+    _, entry = served(request, verb)
+    headers = {"ETag": entry.etag, "Cache-Control": "no-cache"}
+    known = header(request, b"if-none-match").decode("latin-1")
+    if entry.etag in (part.strip().removeprefix("W/") for part in known[:1_000].split(",")):
+        return Response(status_code=304, headers=headers)
+    return Response(entry.description, media_type=JSON, headers=headers)

@@ -1,0 +1,134 @@
+"""Which refinement is published: one that is better at points which it never saw, and hardly less smooth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from service.refinement.usage_counts import drawn
+from verbs.conventions import F64
+from verbs.domain import random_points
+from verbs.quality.report import diagonal
+from verbs.quality.smoothness import smoothness
+from verbs.runtime.evaluate import Evaluator
+from verbs.verb import Verb
+
+__all__ = ["HELD_OUT", "SMOOTHNESS_LIMIT", "Figures", "Verdict", "held_out", "judge", "method_of", "same_examples"]
+
+SMOOTHNESS_LIMIT = 1.25
+"""Largest ratio of the new version's mean curvature κ of weights to the old one's, on the same slices.
+
+Refining bends weights a little: the built-in verbs come to 1.0 to 1.2 times the κ of their unrefined basis.
+"""
+
+HELD_OUT = 3_000
+"""Points at which versions are compared; with traffic half of them are drawn from it."""
+
+_STREAM = 3
+"""Which random numbers of a seed held-out points are drawn from; a refinement takes those of streams 0 to 2."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """One version by one method: errors at the held-out points, in metres (speeds: m/s), and mean κ on the slices."""
+
+    method: str
+    error_mean_m: float
+    error_max_m: float
+    smoothness: float
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What comparing a new version with the current one came to.
+
+    Parameters
+    ----------
+    now, new : Figures
+        Of the current version and of the new one.
+    points : int
+        Number of held-out points.
+    diagonal_m : float
+        Of the examples' goals, metres; errors over it are shares.
+    reasons : tuple of str
+        Why the new one is not better; none where it is.
+    """
+
+    now: Figures
+    new: Figures
+    points: int
+    diagonal_m: float
+    reasons: tuple[str, ...]
+
+    @property
+    def better(self) -> bool:
+        """Whether the new version may be published."""
+        return not self.reasons
+
+    @property
+    def text(self) -> str:
+        """One sentence with the figures."""
+        now, new = self.now, self.new
+        text = (
+            f"at {self.points} held-out points the error by '{new.method}' is {new.error_mean_m:.4g} m on average and "
+            f"{new.error_max_m:.4g} m at most (now by '{now.method}': {now.error_mean_m:.4g} and "
+            f"{now.error_max_m:.4g}), and κ is {new.smoothness:.4g} (now {now.smoothness:.4g})"
+        )
+        return text if self.better else f"not better: {', '.join(self.reasons)}; {text}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON values."""
+        return asdict(self) | {
+            "better": self.better,
+            "reasons": list(self.reasons),
+            "smoothness_limit": SMOOTHNESS_LIMIT,
+        }
+
+
+def held_out(verb: Verb, seed: int, cells: Sequence[Mapping[str, Any]] | None) -> F64:
+    """Adverbs (:data:`HELD_OUT`, D) at which versions are compared; half of them from traffic, if any is given."""
+    weighted = drawn(verb, cells or (), np.random.default_rng([seed, _STREAM, 1]), HELD_OUT // 2)
+    uniform = random_points(verb, np.random.default_rng([seed, _STREAM, 0]), HELD_OUT - len(weighted))
+    return np.concatenate([uniform, weighted])
+
+
+def method_of(verb: Verb, method: str) -> str:
+    """The method by which a version is judged: what was asked for, or ``rbf`` where it was never refined."""
+    return method if "refined" in verb.bases else "rbf"
+
+
+def judge(now: Verb, new: Verb, method: str, points: F64) -> Verdict:
+    """Compare a refined version with the current one at points (B, D) that the refinement did not see."""
+    old, fresh = _figures(now, method_of(now, method), points), _figures(new, method, points)
+    reasons = []
+    if not fresh.error_mean_m < old.error_mean_m:
+        reasons.append("its mean error is not lower")
+    if not fresh.error_max_m < old.error_max_m:
+        reasons.append("its largest error is not lower")
+    if not fresh.smoothness <= SMOOTHNESS_LIMIT * old.smoothness:
+        reasons.append(f"its κ is more than {SMOOTHNESS_LIMIT} times the current one's")
+    return Verdict(old, fresh, len(points), diagonal(now), tuple(reasons))
+
+
+def same_examples(first: Verb, second: Verb) -> bool:
+    """Whether two versions were made of the same motions, so that a refinement of one is one of the other."""
+    skeletons = (first.skeleton, second.skeleton)
+    pairs = [
+        (first.values, second.values),
+        (first.curves, second.curves),
+        (first.keytimes, second.keytimes),
+        (first.strides, second.strides),
+        (skeletons[0].offsets, skeletons[1].offsets),
+        *((getattr(first.bases["rbf"], key), getattr(second.bases["rbf"], key)) for key in ("centers", "radial")),
+    ]
+    names = (first.examples, first.adverbs, skeletons[0].names) == (second.examples, second.adverbs, skeletons[1].names)
+    return names and all(np.array_equal(one, other) for one, other in pairs)
+
+
+def _figures(verb: Verb, method: str, points: F64) -> Figures:
+    evaluator = Evaluator(verb)
+    error = evaluator.blend(points, method=method).error
+    return Figures(method, float(error.mean()), float(error.max()), smoothness(evaluator, method)[0])

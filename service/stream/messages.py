@@ -1,0 +1,239 @@
+"""The text messages of ``WS /v1/stream``, defined once: checked when they come, described when they go.
+
+``docs/wire.md`` is the specification. What the server says is written from plain mappings by orjson; its models are
+for the OpenAPI document, and tests hold the two together.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+from service.http.request_models import STRICT, Name, Space
+from verbs.conventions import MAX_ADVERBS, MAX_JOINTS
+from verbs.runtime.characters import HALF_LIFE_S, MAX_SPEED, MAX_TRANSITION_S, RESTART_S
+
+__all__ = [
+    "CLIENT",
+    "SERVER",
+    "ClientMessage",
+    "Close",
+    "Drain",
+    "End",
+    "Error",
+    "Event",
+    "Hello",
+    "Open",
+    "Opened",
+    "Ping",
+    "Pong",
+    "Resume",
+    "ServerMessage",
+    "Set",
+    "Switch",
+    "Version",
+]
+
+ChannelNumber = Annotated[int, Field(ge=0, le=65_535, description="A character; the client numbers its own.")]
+Adverbs = Annotated[dict[Name, float], Field(min_length=1, max_length=MAX_ADVERBS, description="By name, in units.")]
+Fps = Annotated[int, Field(ge=1, le=120, description="Frames per second.")]
+Phase = Annotated[float, Field(ge=0, le=1, description="Canonical time.")]
+Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED, description="1 is the examples' own; may be negative.")]
+HalfLife = Annotated[
+    float, Field(ge=0, le=10, description="Seconds in which half of the way to a new goal is done; 0 is at once.")
+]
+
+
+class _Asked(BaseModel):
+    model_config = STRICT
+
+
+class Open(_Asked):
+    """Start a character."""
+
+    op: Literal["open"]
+    channel: ChannelNumber
+    verb: Name
+    adverbs: Adverbs | None = None
+    fps: Fps = 60
+    method: Name | None = None
+    space: Space = "local"
+    encoding: Literal["f32", "q48", "weights"] = "f32"
+    frame: Literal["gltf", "unity", "unreal", "zup"] = "gltf"
+    joints: Annotated[list[Name] | None, Field(min_length=1, max_length=MAX_JOINTS)] = None
+    phase: Phase = 0.0
+    speed: Speed = 1.0
+    play: bool = True
+    loop: bool | None = None
+    half_life: HalfLife = HALF_LIFE_S
+    follow: bool = True
+
+
+class Set(_Asked):
+    """Change a character: what is given changes, the rest stays."""
+
+    op: Literal["set"]
+    channel: ChannelNumber
+    adverbs: Adverbs | None = None
+    speed: Speed | None = None
+    phase: Phase | None = None
+    play: bool | None = None
+    loop: bool | None = None
+    fps: Fps | None = None
+    half_life: HalfLife | None = None
+    follow: bool | None = None
+
+
+class Switch(_Asked):
+    """Pass to another verb of the same skeleton."""
+
+    op: Literal["switch"]
+    channel: ChannelNumber
+    verb: Name
+    adverbs: Adverbs | None = None
+    method: Name | None = None
+    phase: Phase | None = None
+    transition_s: Annotated[float, Field(ge=0, le=MAX_TRANSITION_S)] = RESTART_S
+
+
+class Close(_Asked):
+    """End a character."""
+
+    op: Literal["close"]
+    channel: ChannelNumber
+
+
+class Ping(_Asked):
+    """Ask for the server's clock."""
+
+    op: Literal["ping"]
+    t: float
+
+
+class Resume(_Asked):
+    """Take over a session whose connection was lost."""
+
+    op: Literal["resume"]
+    session: Annotated[str, Field(min_length=1, max_length=64)]
+    last_seq: Annotated[int, Field(ge=0, le=2**32 - 1)]
+
+
+ClientMessage = Annotated[Open | Set | Switch | Close | Ping | Resume, Field(discriminator="op")]
+CLIENT: TypeAdapter[Open | Set | Switch | Close | Ping | Resume] = TypeAdapter(ClientMessage)
+
+
+class _Said(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Hello(_Said):
+    """First message of a connection."""
+
+    op: Literal["hello"]
+    session: str
+    server_time_ns: int
+    max_channels: int
+    grace_s: float
+
+
+class StreamSkeleton(_Said):
+    """Joints, in the order of the verb; offsets in the channel's frame."""
+
+    names: list[str]
+    parents: list[int]
+    offsets: list[list[float]]
+
+
+class StreamAdverb(_Said):
+    """One adverb, and its range over the examples."""
+
+    name: str
+    unit: str
+    min: float
+    max: float
+    style: bool
+    goal: float
+
+
+class StreamKeytime(_Said):
+    """A keytime, and where it lies in the motion."""
+
+    name: str
+    phase: float
+
+
+class Opened(_Said):
+    """A channel is open, has another verb, or was resumed."""
+
+    op: Literal["opened"]
+    channel: int
+    verb: str
+    version: int
+    method: str
+    skeleton: StreamSkeleton
+    adverbs: list[StreamAdverb]
+    joints: list[str]
+    encoding: Literal["f32", "q48", "weights"]
+    space: Space
+    frame: Literal["gltf", "unity", "unreal", "zup"]
+    fps: int
+    looping: bool
+    keytimes: list[StreamKeytime]
+    follow: Annotated[list[float] | None, Field(min_length=2, max_length=2)]
+    record_bytes: int
+    resumed: bool
+
+
+class Version(_Said):
+    """A channel goes on with another version of its verb."""
+
+    op: Literal["version"]
+    channel: int
+    version: int
+    record_bytes: int
+
+
+class Event(_Said):
+    """A keytime passed."""
+
+    op: Literal["event"]
+    channel: int
+    name: str
+    phase: float
+
+
+class End(_Said):
+    """A motion that does not loop reached its end."""
+
+    op: Literal["end"]
+    channel: int
+
+
+class Pong(_Said):
+    """The server's clock."""
+
+    op: Literal["pong"]
+    t: float
+    server_time_ns: int
+
+
+class Error(_Said):
+    """A message could not be done; nothing else changed."""
+
+    op: Literal["error"]
+    channel: int | None
+    code: str
+    detail: str
+
+
+class Drain(_Said):
+    """The server is about to stop."""
+
+    op: Literal["drain"]
+    detail: str
+    reconnect_after_s: float
+
+
+ServerMessage = Annotated[Hello | Opened | Version | Event | End | Pong | Error | Drain, Field(discriminator="op")]
+SERVER: TypeAdapter[Hello | Opened | Version | Event | End | Pong | Error | Drain] = TypeAdapter(ServerMessage)

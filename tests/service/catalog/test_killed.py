@@ -1,0 +1,157 @@
+"""Servers that share a data folder, one of which is killed; workers that end with theirs, or cannot start."""
+
+import asyncio
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import httpx
+import pytest
+from typer.testing import CliRunner
+
+from service import cli  # noqa: F401 - makes the commands
+from service.refinement.worker.locks import check_executor, locks_of
+from service.run.supervisor import name_of
+from tests.service.catalog.conftest import PATIENCE_S, ZIP, children, zipped_arm
+from verbs import cli as library_cli
+
+pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("killed")]
+
+START = "from service.cli import main; main()"
+ROOT = Path(__file__).parents[3]
+
+
+class Started:
+    """`adverb serve` in a process of its own."""
+
+    def __init__(self, data, log):
+        self.log = log
+        with log.open("wb") as file:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", START, "serve", "--port", "0", "--data", str(data)],
+                stderr=file,
+                env={**os.environ, "ADVERB_REFINERS": "1"},
+                cwd=ROOT,
+            )
+
+    async def ready(self):
+        found = await eventually(lambda: re.search(r"Adverb is ready on (http://\S+)", self.log.read_text()))
+        self.worker = await eventually(lambda: children(self.process.pid, "worker"))
+        await eventually(lambda: "worker ready" in self.log.read_text())
+        return httpx.AsyncClient(base_url=found[1], timeout=PATIENCE_S)
+
+    def end(self):
+        for pid in [self.process.pid, *children(self.process.pid, "worker")]:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self.process.wait()
+
+
+async def eventually(holds):
+    """What a question answers, once it answers something."""
+    end = time.monotonic() + PATIENCE_S
+    while not (found := holds()):
+        assert time.monotonic() < end, "it did not happen in time"
+        await asyncio.sleep(0.05)
+    return found
+
+
+def lives(pid):
+    """Whether a process is there and no zombie: whoever adopts orphans here may never ask for their end."""
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    return False
+
+
+async def test_a_server_that_is_killed_in_an_upload_leaves_nothing_half_done(tmp_path):
+    data, content = tmp_path / "data", zipped_arm(tmp_path / "source")
+    data.mkdir()
+    one, other = Started(data, tmp_path / "one.log"), Started(data, tmp_path / "other.log")
+    try:
+        async with await one.ready() as client, await other.ready() as beside:
+            half = asyncio.create_task(client.post("/v1/verbs", content=slowly(content), headers={"Content-Type": ZIP}))
+            await eventually(lambda: [path for path in (data / "uploads").iterdir() if path.stat().st_size])
+            whole = asyncio.create_task(client.post("/v1/verbs", content=content, headers={"Content-Type": ZIP}))
+            await eventually(lambda: any(path.stat().st_size == len(content) for path in (data / "uploads").iterdir()))
+            one.process.kill()
+            one.process.wait()
+            half.cancel()  # it would wait for its own end
+            _, told = await asyncio.gather(half, whole, return_exceptions=True)
+            await eventually(lambda: not any(map(lives, one.worker)))
+            assert all(map(lives, other.worker))
+            await consistent(beside, published=not isinstance(told, httpx.HTTPError))
+            again = await beside.post("/v1/verbs", content=content, headers={"Content-Type": ZIP})
+            assert again.status_code == 201, again.text
+        one = Started(data, tmp_path / "again.log")
+        async with await one.ready() as client:
+            await consistent(client, published=True)
+            assert (await client.get("/readyz")).json()["skipped"] == []
+    finally:
+        one.end()
+        other.end()
+
+
+async def slowly(content):
+    """Half of an upload, and then nothing more."""
+    yield content[: len(content) // 2]
+    await asyncio.sleep(PATIENCE_S)
+
+
+async def consistent(client, *, published):
+    """Every verb that is served is there whole, and so is every version that is known of it."""
+    names = [row["name"] for row in (await client.get("/v1/verbs")).json()["verbs"]]
+    assert names in ([["arm", "arm3", "board", "reach"]] if published else [["arm3", "board", "reach"], ["arm"]])
+    for name in names:
+        for row in (await client.get(f"/v1/verbs/{name}/versions")).json()["versions"]:
+            assert len((await client.get(f"/v1/verbs/{name}/versions/{row['version']}")).content) == row["bytes"]
+
+
+def refused(*arguments, **environment):
+    """What the command says when it cannot work."""
+    process = subprocess.run(
+        [sys.executable, "-c", START, "worker", "--nice", "0", *arguments],
+        check=False,
+        stderr=subprocess.PIPE,
+        timeout=PATIENCE_S,
+        env={**os.environ, **environment},
+        cwd=ROOT,
+    )
+    assert process.returncode == 1
+    return process.stderr.decode().splitlines()[-1]
+
+
+def test_a_worker_whose_name_is_in_use_says_so(tmp_path):
+    locks = locks_of(f"sqlite:///{tmp_path}/state.db")
+    hold = locks.hold("mine")
+    assert "another worker runs as 'mine'" in refused("--data", str(tmp_path), "--name", "mine")
+    hold.release()
+    locks.close()
+
+
+def test_a_worker_without_a_database_says_so(tmp_path):
+    (tmp_path / "state.db").write_bytes(b"not a database" * 1000)
+    said = refused("--data", str(tmp_path), ADVERB_DATABASE_URL=f"sqlite:///{tmp_path}/state.db")
+    assert said == "error: the store is unavailable: file is not a database"
+    assert refused(ADVERB_DATABASE_URL="mysql://somewhere/db", ADVERB_DATA=str(tmp_path)).startswith(
+        "error: a database"
+    )
+
+
+def test_a_worker_without_a_folder_says_so(tmp_path):
+    result = CliRunner().invoke(library_cli.app, ["worker", "--data", str(tmp_path / "no")])
+    assert result.exit_code == 1
+    assert f"the data folder {tmp_path / 'no'} does not exist" in result.stderr
+
+
+def test_workers_of_different_servers_have_different_names(monkeypatch):
+    names = {check_executor(name_of(number)) for number in (0, 1)}
+    monkeypatch.setattr("os.getpid", lambda: 1)
+    names |= {check_executor(name_of(number)) for number in (0, 1)}
+    assert len(names) == 4
+    monkeypatch.setattr("platform.node", lambda: "_ü" * 200)
+    assert check_executor(name_of(0)) == "server.1.0"

@@ -1,0 +1,82 @@
+"""Where clients ask, a refinement by traffic is better than one that knows nothing of them: from requests to poses."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from tests.service.catalog.conftest import OCTETS, PATIENCE_S, until
+from tests.service.stream.conftest import talk
+from verbs import library
+from verbs.domain import inside
+from verbs.io import artifact
+from verbs.runtime.evaluate import Evaluator
+
+pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("keeping")]
+
+PSEUDO = 16
+
+
+def corner(verb, seed, count):
+    """Adverbs (count, D) about one place of the domain."""
+    low, high = verb.values.min(axis=0), verb.values.max(axis=0)
+    rows = low + (high - low) * (0.7 + 0.06 * np.random.default_rng(seed).normal(size=(count, len(low))))
+    return rows[inside(verb.domain, verb.domain.chart.points(rows))]
+
+
+async def refined(client, **asked):
+    """The version that a refinement of the built-in arm comes to."""
+    await client.post("/v1/verbs/arm3/versions/1/activate")
+    asked = {"max_pseudo": PSEUDO, "target_error": 1e-6, "method": "refined", **asked}
+    started = await client.post("/v1/verbs/arm3/refinements", json=asked)
+    ended = await until(client, started.headers["location"], lambda row: row["state"] not in ("queued", "running"))
+    assert (ended["state"], ended["progress"]["pseudo"]) == ("published", PSEUDO), ended
+    return ended
+
+
+async def downloaded(client, number, path):
+    path.write_bytes((await client.get(f"/v1/verbs/arm3/versions/{number}")).content)
+    return artifact.load(path)
+
+
+async def test_asking_in_one_corner_makes_that_corner_better(client, kept, tmp_path):
+    verb = library.load("arm3")
+    rows = corner(verb, 1, 2_000)
+    batch = np.column_stack([rows, np.zeros(len(rows))]).astype("<f4").tobytes()
+    for _ in range(2):
+        answer = await client.post("/v1/verbs/arm3/poses", content=batch, headers={"Content-Type": OCTETS})
+        assert answer.status_code == 200
+    named = dict(zip("xy", rows[0].tolist(), strict=True))
+    await client.post("/v1/verbs/arm3/pose", json={"adverbs": named})
+    await client.post("/v1/verbs/arm3/sequence", json={"adverbs": named, "fps": 30})
+    track = [{"time": 0.1 * k, "adverbs": named} for k in range(5)]
+    await client.post("/v1/verbs/arm3/sequence", json={"track": track, "fps": 30})
+    asked = 2 * len(rows) + 1 + 1 + 5
+    assert await told(kept, "arm3", asked) == pytest.approx(asked, rel=1e-3)
+    weighted = await refined(client, weighted_by_traffic=True)
+    uniform = await refined(client)
+    assert weighted["progress"]["note"] == ""
+    fresh, errors = corner(verb, 2, 2_000), []
+    for row in (weighted, uniform):
+        published = await downloaded(client, row["version_after"], tmp_path / f"{row['version_after']}.verb")
+        errors.append(Evaluator(published).blend(fresh, method="refined").error.mean())
+    assert errors[0] < 0.8 * errors[1]
+
+
+async def test_characters_of_streams_count_too(client, kept):
+    async with talk(kept) as stream:
+        await stream.open(1, "board")
+        await stream.open(2, "board")
+        assert await told(kept, "board", 6) >= 6
+    assert (await client.get("/readyz")).json()["degraded"] is False
+
+
+async def told(server, verb, least):
+    """How often a verb was asked for, as the store was told, once that is as much as is waited for."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            rows = await asyncio.to_thread(server.serving.keeper.store.traffic, verb, not_before_s=0.0)
+            weight = sum(cell["weight"] for row in rows for cell in row["cells"])
+            if weight >= 0.99 * least:
+                return weight
+            await asyncio.sleep(0.2)

@@ -1,0 +1,199 @@
+"""One pose and many, in JSON and in binary."""
+
+import numpy as np
+import pytest
+
+from service import compute, wire
+from service.http import evaluation
+from tests.service.conftest import ARM, SWAY, app_of, client_of
+from verbs.kernels import fk
+from verbs.runtime import describe
+
+pytestmark = pytest.mark.anyio
+
+OCTETS = {"Accept": "application/octet-stream"}
+
+
+async def ask(client, verb="arm3", route="pose", headers=None, **body):
+    answer = await client.post(f"/v1/verbs/{verb}/{route}", json=body, headers=headers)
+    assert answer.status_code == 200, answer.text
+    return answer
+
+
+async def test_a_pose_is_what_the_library_evaluates(client, catalog):
+    evaluator = catalog.entry("arm3").evaluator
+    told = (await ask(client, adverbs=ARM, phase=0.4, weights=True)).json()
+    poses = evaluator.pose(ARM, phase=0.4)
+    assert told == describe.pose_record(evaluator, poses, 0, weights=True)
+    np.testing.assert_allclose(told["rotations"], poses.rotations[0], atol=1e-7)
+    np.testing.assert_allclose(told["weights"], poses.blend.weights[0], atol=1e-15)
+
+
+async def test_a_pose_has_exactly_the_promised_fields(client):
+    told = (await ask(client, adverbs=ARM, phase=0.5)).json()
+    promised = "verb version method phase time duration root rotations measured error clamped"
+    assert list(told) == promised.split()
+    assert set(told["measured"]) == {"x", "y"}
+
+
+async def test_phase_and_time_ask_for_the_same_pose(client):
+    by_phase = (await ask(client, adverbs=ARM, phase=0.3)).json()
+    by_time = (await ask(client, adverbs=ARM, time=by_phase["time"])).json()
+    assert by_time["phase"] == pytest.approx(0.3, abs=1e-12)
+    np.testing.assert_allclose(by_time["rotations"], by_phase["rotations"], atol=1e-6)
+
+
+async def test_without_an_instant_the_motion_starts(client):
+    assert (await ask(client, adverbs=ARM)).json()["phase"] == 0.0
+
+
+async def test_binary_says_what_json_says(client):
+    body = {"adverbs": ARM, "phase": 0.4}
+    told = (await ask(client, **body)).json()
+    answer = await ask(client, headers=OCTETS, **body)
+    assert answer.headers["content-type"] == "application/octet-stream"
+    assert len(answer.content) == 24 + 12 + 16 * 4
+    (record,) = wire.decode(answer.content, 4)
+    np.testing.assert_array_equal(record["rotations"], np.float32(told["rotations"]))
+    np.testing.assert_array_equal(record["root"], np.float32(told["root"]))
+    for name in ("phase", "time", "duration", "error"):
+        assert record[name] == np.float32(told[name])
+    assert (record["version"], record["channel"], record["encoding"], record["flags"]) == (1, 0, 0, 0)
+
+
+async def test_a_pose_that_cannot_be_measured_has_no_error(client):
+    told = (await ask(client, verb="sway", adverbs=SWAY, max_error=0.1)).json()
+    assert told["error"] is None
+    assert told["met"] is None
+    (record,) = wire.decode((await ask(client, verb="sway", adverbs=SWAY, headers=OCTETS)).content, 3)
+    assert np.isnan(record["error"])
+
+
+async def test_a_loop_goes_on_and_tells_its_velocity(client):
+    first = (await ask(client, verb="sway", adverbs=SWAY, phase=0.25)).json()
+    later = (await ask(client, verb="sway", adverbs=SWAY, phase=2.25)).json()
+    assert later["time"] == pytest.approx(first["time"] + 2 * first["duration"])
+    np.testing.assert_allclose(later["root_velocity"], first["root_velocity"], atol=1e-6)
+    assert later["root"][2] > first["root"][2]
+
+
+async def test_global_space_gives_global_rotations_and_positions(client, catalog):
+    skeleton = catalog.entry("arm3").verb.skeleton
+    local = (await ask(client, adverbs=ARM, phase=0.5)).json()
+    told = (await ask(client, adverbs=ARM, phase=0.5, space="global")).json()
+    turns, places = fk.forward(
+        np.array(local["root"]), np.array(local["rotations"]), skeleton.parents, skeleton.offsets
+    )
+    np.testing.assert_allclose(told["rotations"], turns, atol=1e-6)
+    np.testing.assert_allclose(told["positions"], places, atol=1e-6)
+
+
+async def test_joints_are_given_in_the_order_asked_for(client, catalog):
+    names = catalog.entry("arm3").verb.skeleton.names
+    whole = (await ask(client, adverbs=ARM, phase=0.5)).json()["rotations"]
+    told = (await ask(client, adverbs=ARM, phase=0.5, joints=[names[2], names[0]])).json()["rotations"]
+    assert told == [whole[2], whole[0]]
+    content = (await ask(client, adverbs=ARM, phase=0.5, joints=[names[2], names[0]], headers=OCTETS)).content
+    np.testing.assert_array_equal(wire.decode(content, 2)["rotations"][0], np.float32(told))
+
+
+async def test_remembered_joint_subsets_are_bounded(client, catalog):
+    names = catalog.entry("reach").verb.skeleton.names
+    for k in range(100):
+        joints = [names[k % 22], names[(k // 22 + k) % 22]]
+        await ask(client, verb="reach", adverbs={"x": -0.3, "y": 1.2, "z": 0.4}, joints=joints)
+    assert len(catalog.entry("reach")._subsets) <= 64
+
+
+async def test_far_adverbs_are_clamped_and_the_error_is_told(client):
+    told = (await ask(client, adverbs={"x": 50.0, "y": 0.0}, max_error=0.01)).json()
+    assert told["clamped"]
+    assert told["error"] > 1.0
+    assert told["met"] is False
+    (record,) = wire.decode((await ask(client, adverbs={"x": 50.0, "y": 0.0}, headers=OCTETS)).content, 4)
+    assert record["flags"] == wire.CLAMPED
+
+
+async def test_a_small_error_meets_the_largest_allowed(client):
+    assert (await ask(client, adverbs=ARM, method="corrected", max_error=0.001)).json()["met"] is True
+
+
+def crowd(count: int) -> list[dict]:
+    rng = np.random.default_rng(5)
+    rows = rng.uniform(0.1, 0.6, (count, 2)).tolist()
+    return [{"adverbs": {"x": x, "y": y}, "phase": k / count} for k, (x, y) in enumerate(rows)]
+
+
+async def test_a_batch_equals_single_poses(client):
+    items = crowd(70)  # more than one slice of JSON
+    told = (await ask(client, route="poses", items=items, weights=True)).json()
+    assert (told["verb"], told["version"], len(told["poses"])) == ("arm3", 1, 70)
+    for item, found in list(zip(items, told["poses"], strict=True))[::9]:
+        single = (await ask(client, weights=True, **item)).json()
+        assert found.keys() == single.keys()
+        np.testing.assert_allclose(found["rotations"], single["rotations"], atol=1e-6)
+        np.testing.assert_allclose(found["weights"], single["weights"], atol=1e-9)
+        assert found["error"] == pytest.approx(single["error"], abs=1e-9)
+
+
+async def test_a_binary_batch_equals_the_same_in_json(client):
+    items = crowd(33)
+    rows = np.array([[item["adverbs"]["x"], item["adverbs"]["y"], item["phase"]] for item in items], "<f4")
+    answer = await client.post(
+        "/v1/verbs/arm3/poses?method=rbf",
+        content=rows.tobytes(),
+        headers={"Content-Type": "application/octet-stream", **OCTETS},
+    )
+    assert answer.status_code == 200
+    records = wire.decode(answer.content, 4)
+    told = (await ask(client, route="poses", items=items, method="rbf")).json()["poses"]
+    np.testing.assert_array_equal(records["channel"], np.arange(33))
+    np.testing.assert_allclose(records["rotations"], [pose["rotations"] for pose in told], atol=2e-6)
+    assert {pose["method"] for pose in told} == {"rbf"}
+
+
+async def test_channels_of_a_large_crowd_wrap(client, catalog):
+    rows = np.zeros((66_000, 3), "<f4")
+    async with client_of(app_of(catalog, max_batch=100_000)) as wide:
+        answer = await wide.post(
+            "/v1/verbs/arm3/poses?joints=Tip",
+            content=rows.tobytes(),
+            headers={"Content-Type": "application/octet-stream", **OCTETS},
+        )
+    np.testing.assert_array_equal(wire.decode(answer.content, 1)["channel"], np.arange(66_000) % 65_536)
+
+
+async def test_items_may_give_times(client):
+    items = [{"adverbs": SWAY, "time": 0.5 * k} for k in range(6)]
+    told = (await ask(client, verb="sway", route="poses", items=items)).json()["poses"]
+    np.testing.assert_allclose([pose["time"] for pose in told], 0.5 * np.arange(6), atol=1e-12)
+
+
+async def test_a_long_call_leaves_the_event_loop_to_others(client, monkeypatch):
+    ran = []
+
+    async def run_sync(work, **_):
+        ran.append(work)
+        return work()
+
+    monkeypatch.setattr(compute.anyio.to_thread, "run_sync", run_sync)
+    await ask(client, route="poses", items=crowd(3))
+    assert not ran
+    await ask(client, route="poses", items=crowd(900))
+    assert len(ran) == 1
+
+
+async def test_too_many_waiting_calls_are_refused(client, app):
+    app.state.serving.pool._present = 1_000
+    answer = await client.post("/v1/verbs/arm3/poses", json={"items": crowd(900)})
+    assert answer.status_code == 503
+    assert answer.json()["code"] == "overloaded"
+    assert answer.headers["retry-after"] == "1"
+    assert (await client.post("/v1/verbs/arm3/pose", json={"adverbs": ARM})).status_code == 200
+
+
+async def test_walking_too_many_cycles_in_one_call_is_refused(client):
+    items = [{"adverbs": SWAY, "phase": 900.0}] * 30
+    answer = await client.post("/v1/verbs/sway/poses", json={"items": items})
+    assert answer.status_code == 422
+    assert f"{evaluation.MAX_WALKED_CYCLES:.0f} are allowed" in answer.json()["detail"]

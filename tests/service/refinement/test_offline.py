@@ -1,0 +1,41 @@
+"""A job comes to what the library comes to alone, on every built-in verb: same seed, same figures, same bytes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.refinement.job_spec import Asked
+from service.refinement.worker.acceptance import held_out
+from service.store.records import Job
+from tests.service.refinement.conftest import Bench
+from verbs import library
+from verbs.io import artifact
+from verbs.refine import Rules, refine, with_basis
+from verbs.runtime.evaluate import Evaluator
+
+PSEUDO = 8
+
+
+@pytest.mark.parametrize("name", ["arm3", "board", "reach"])
+def test_a_job_reaches_the_error_that_refine_reaches(bench: Bench, name: str):
+    verb, rules = library.load(name), Rules(target_error=0.0, max_pseudo=PSEUDO, seed=3)
+    *_, last = refine(verb, rules)
+    alone = with_basis(verb, last.basis, rules, last.mark)
+    file = Path(library.__file__).with_name(f"{name}.verb")
+    bench.store.publish(name, file, who="test", why="test", quality={})
+    asked = Asked(target_error=0.0, max_pseudo=PSEUDO, seed=3).as_dict() | {"who": "test"}
+    bench.store.add_job(Job("j", name, "queued", asked, {}, 0, 1, None, "", 1.0, 1.0))
+    bench.work.run("j")
+    row = bench.store.job("j")
+    assert row.state == "published"
+    assert (row.progress["error_mean"], row.progress["error_max"]) == (last.after.mean, last.after.largest)
+    published = artifact.load(bench.store.path(bench.store.version(name, 2)))
+    points = held_out(verb, 3, None)
+    errors = [Evaluator(one).blend(points, method="refined").error for one in (published, alone)]
+    assert np.array_equal(*errors)
+    figures = row.progress["figures"]["new"]
+    assert (figures["error_mean_m"], figures["error_max_m"]) == (errors[0].mean(), errors[0].max())
+    assert errors[0].mean() < 0.75 * Evaluator(verb).blend(points, method="rbf").error.mean()

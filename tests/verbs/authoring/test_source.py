@@ -1,0 +1,181 @@
+import re
+
+import numpy as np
+import pytest
+
+from tests.verbs.sources import ANGLES, arm_motion, arm_source, example_row, hand, write_source
+from verbs.authoring.fit import build
+from verbs.authoring.source import read
+from verbs.errors import IllPosedVerb, SkeletonMismatch, SourceError, VerbError
+from verbs.skeleton import Skeleton
+
+
+def edit(folder, pattern, replacement):
+    path = folder / "verb.toml"
+    text, count = re.subn(pattern, replacement, path.read_text(), count=1, flags=re.DOTALL)
+    assert count == 1
+    path.write_text(text)
+    return folder
+
+
+@pytest.fixture
+def source(tmp_path):
+    return arm_source(tmp_path / "arm")
+
+
+def test_unknown_keys_are_kept_as_provenance(source):
+    edit(source, 'name = "arm"', 'name = "arm"\nactor = "somebody"')
+    assert read(source).provenance == {"actor": "somebody"}
+
+
+def test_missing_folder_says_what_a_source_is(tmp_path):
+    with pytest.raises(SourceError, match="folder with a verb.toml"):
+        read(tmp_path / "nowhere")
+
+
+def test_a_file_in_place_of_a_folder_is_refused(source):
+    with pytest.raises(SourceError, match="name the folder"):
+        read(source / "verb.toml")
+
+
+@pytest.mark.parametrize("text", ["name = ", "\x00", "a = 1\na = 2", "[[[", "x = " + "[" * 5000])
+def test_broken_toml_is_a_source_error(tmp_path, text):
+    (tmp_path / "verb.toml").write_text(text)
+    with pytest.raises(SourceError, match="no valid TOML"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "message"),
+    [
+        ('name = "arm"', "", "'name' is missing"),
+        ('name = "arm"', 'name = "../arm"', "must be lower-case"),
+        ('name = "arm"', "name = 7", "'name' must be a text, not 7"),
+        ("effector_keytime_index = 1", "effector_keytime_index = 3", "keytimes are 0 to 2"),
+        ("effector_keytime_index = 1", "effector_keytime_index = true", "must be a whole number"),
+        ('"joint_position"', '"elbow"', "must be one of none, joint_position, jump, root_velocity"),
+        ('keytime_names = .*?\n', "", "'keytime_names' is missing"),
+        ('"start", "reach", "end"', '"start", "start", "end"', "one instant twice"),
+        ('"start", "reach", "end"', '"start"', "2 to 64 names"),
+        ('"x"', '"y"', "two adverbs have one name"),
+        ('"x"', '"1x"', "letters, digits"),
+        (r"adverb_values = \[", "adverb_values = [nan, ", "example 'a'.*3 numbers, but there are 2 adverbs"),
+        (r"adverb_values = \[[^,]*", "adverb_values = [nan", "example 'a'.*holds nan; numbers must be finite"),
+        (r"adverb_values = \[[^,]*", 'adverb_values = ["1"', "example 'a'.*list of numbers"),
+        (r"keytimes = \[0.0, 0.5, 1.0\]", "keytimes = [0.0, 1.0]", "'a'.*2 numbers, but there are 3 keytime names"),
+        (r"keytimes = \[0.0, 0.5", "keytimes = [0.5, 0.2", "example 'a'.*'reach' .0.2 s. must come after 'start'"),
+        ('file = "a.bvh"', 'file = "../a.bvh"', "own folder"),
+        ('file = "a.bvh"', "", "own folder"),
+        ('file = "a.bvh"', 'file = "b.bvh"', "example 'b'.*two examples use one file name"),
+        ('name = "arm"', 'name = "arm"\nup_axis = "+Z"', r"convert the motions to \+Y"),
+        ('name = "arm"', 'name = "arm"\nunits = {length = "furlong"}', "must be one of m, dm, cm"),
+        ('name = "arm"', 'name = "arm"\nsimplices = [[0, 1, 9]]', "3 different example indices below 5"),
+        ('name = "arm"', 'name = "arm"\ngoal = {origin = [0, 0, 0], axes = [[1, 0, 0]]}', "for each of 2"),
+    ],
+)  # fmt: skip
+def test_a_wrong_key_is_named_with_the_way_out(source, pattern, replacement, message):
+    with pytest.raises(SourceError, match=message):
+        read(edit(source, pattern, replacement))
+
+
+def test_one_example_is_too_few(tmp_path):
+    with pytest.raises(SourceError, match="blends at least two: add motions"):
+        build(arm_source(tmp_path, angles={"a": (0.2, 0.4)}))
+
+
+def test_a_missing_motion_names_the_example(source):
+    (source / "c.bvh").unlink()
+    with pytest.raises(SourceError, match="example 'c'.*'c.bvh' does not exist"):
+        build(source)
+
+
+def test_a_broken_motion_names_the_example_and_the_line(source):
+    path = source / "c.bvh"
+    path.write_text(path.read_text()[:-30])
+    with pytest.raises(SourceError, match=r"example 'c'.*c.bvh:\d+: expected"):
+        build(source)
+
+
+def test_a_motion_with_nan_names_the_example(source):
+    path = source / "b.bvh"
+    head, _, body = path.read_text().partition("Frame Time: ")
+    rate, _, rows = body.partition("\n")
+    path.write_text(f"{head}Frame Time: {rate}\nnan {rows.partition(' ')[2]}")
+    with pytest.raises(SourceError, match="example 'b'.*nan"):
+        build(source)
+
+
+def test_keytimes_past_the_end_name_the_example_and_both_times(source):
+    edit(source, r"keytimes = \[0.0, 0.5, 1.0\]", "keytimes = [0.0, 0.5, 1.1]")
+    with pytest.raises(SourceError, match="example 'a'.*'end' is 1.1 s, but the motion lasts from 0 to 1.0"):
+        build(source)
+
+
+def test_examples_with_equal_adverbs_are_both_named(tmp_path):
+    source = arm_source(tmp_path, angles=ANGLES | {"twin": ANGLES["b"]})
+    with pytest.raises(IllPosedVerb, match="'b' and 'twin' have the same adverbs"):
+        build(source)
+
+
+def test_collinear_examples_name_the_adverbs_and_the_way_out(tmp_path):
+    angles = {name: (0.0, s) for name, s in zip("abcde", [0.1, 0.4, 0.7, 1.0, 1.3], strict=True)}
+    rows = [example_row(name, [0, 0.5, 1], [s, 2 * s]) for name, (_, s) in angles.items()]
+    motions = {name: arm_motion(*pair) for name, pair in angles.items()}
+    with pytest.raises(
+        IllPosedVerb, match="one line of the 2-dimensional.*x and y change together.*add examples off it"
+    ):
+        build(write_source(tmp_path, motions, rows))
+
+
+def test_an_adverb_that_never_changes_is_named(tmp_path):
+    motions = {name: arm_motion(*pair) for name, pair in ANGLES.items()}
+    rows = [example_row(name, [0, 0.5, 1], [pair[0], 3.0]) for name, pair in ANGLES.items()]
+    with pytest.raises(IllPosedVerb, match="adverb 'y' has the same value in all 5"):
+        build(write_source(tmp_path, motions, rows))
+
+
+def test_differing_joints_are_named(source):
+    other = Skeleton(("Upper", "Lower", "Fist"), np.array([-1, 0, 1]), np.eye(3) * [[0], [0.5], [0.4]])
+    write_source(source, {"d": arm_motion(1.0, 1.3, skeleton=other)}, [], head=(source / "verb.toml").read_text())
+    with pytest.raises(SkeletonMismatch, match="example 'd'.*differs from that of 'a'.*lacks Hand; adds Fist"):
+        build(source)
+
+
+def test_differing_bone_lengths_are_named(source):
+    longer = Skeleton(("Upper", "Lower", "Hand"), np.array([-1, 0, 1]), np.array([[0, 0, 0], [0.6, 0, 0], [0.4, 0, 0]]))
+    write_source(source, {"d": arm_motion(1.0, 1.3, skeleton=longer)}, [], head=(source / "verb.toml").read_text())
+    with pytest.raises(SkeletonMismatch, match="example 'd'.*places joint 'Lower' 100.0 mm elsewhere"):
+        build(source)
+
+
+def test_an_unknown_effector_lists_the_joints(source):
+    with pytest.raises(SourceError, match="unknown joint 'Nose'; known: Upper, Lower, Hand"):
+        build(edit(source, 'effector = "Hand"', 'effector = "Nose"'))
+
+
+def test_another_root_is_refused(source):
+    with pytest.raises(SourceError, match="root is 'Hips', but the motion's root joint is 'Upper'"):
+        build(edit(source, 'name = "arm"', 'name = "arm"\nroot = "Hips"'))
+
+
+def test_a_stored_adverb_that_is_off_is_a_warning_with_both_numbers(source):
+    x = hand(*ANGLES["a"])[0]
+    edit(source, re.escape(repr(x)), repr(x + 0.02))
+    built = build(source)
+    assert any(f"'a': x {x + 0.02:.4f} (measured {x:.4f})" in warning for warning in built.warnings)
+    assert built.verb.values[0, 0] == pytest.approx(x, abs=1e-6)
+
+
+def test_every_error_of_a_random_mutation_is_typed(source):
+    rng = np.random.default_rng(5)
+    path = source / "verb.toml"
+    text = path.read_text()
+    for _ in range(150):
+        cut = list(text)
+        for _ in range(3):
+            cut[rng.integers(len(cut))] = rng.choice(list('0[]="x\n-'))
+        path.write_text("".join(cut))
+        try:
+            read(source)
+        except VerbError:
+            continue

@@ -1,0 +1,149 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file, save_file
+
+from tests.verbs.sources import arm_source
+from verbs.authoring.fit import build
+from verbs.errors import ArtifactCorrupt, ArtifactError, ArtifactVersionError, VerbError
+from verbs.io import artifact
+from verbs.runtime.evaluate import Evaluator
+
+GOLDEN = Path(__file__).parents[2] / "golden" / "arm.v1.verb"
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("artifact")
+    artifact.save(build(arm_source(folder / "arm")).verb, folder / "arm.verb")
+    return folder / "arm.verb"
+
+
+def facts_of(path):
+    block = path.read_bytes()
+    length = int.from_bytes(block[:8], "little")
+    return json.loads(json.loads(block[8 : 8 + length])["__metadata__"]["adverb"])
+
+
+def rewrite(path, target, change=None, arrays=None):
+    """The file again with other facts, signed anew, or with other arrays under the old signature."""
+    facts, kept = facts_of(path), load_file(path)
+    if change:
+        facts.pop("sha256")
+        change(facts)
+        facts["sha256"] = artifact._digest(kept, facts)
+    save_file(kept | (arrays or {}), target, metadata={"adverb": json.dumps(facts)})
+    return target
+
+
+def test_a_loaded_verb_gives_the_same_bits(file, tmp_path):
+    built = build(arm_source(tmp_path / "arm")).verb
+    loaded = artifact.load(file)
+    rows, phases = np.random.default_rng(0).uniform(0, 1, (50, 2)), np.linspace(0, 1, 50)
+    one, other = (Evaluator(verb).pose(rows, phase=phases) for verb in (built, loaded))
+    np.testing.assert_array_equal(one.rotations, other.rotations)
+    np.testing.assert_array_equal(one.blend.error, other.blend.error)
+    assert dict(loaded.quality) == dict(built.quality)
+    assert loaded.adverbs == built.adverbs
+
+
+def test_arrays_are_mapped_read_only(file):
+    verb = artifact.load(file)
+    assert not verb.curves.flags.writeable
+    assert not verb.curves.flags.owndata
+    with pytest.raises(ValueError, match="read-only"):
+        verb.curves[0] = 0
+
+
+def test_the_file_is_readable_without_our_code(file):
+    arrays = load_file(file)
+    assert arrays["curves"].dtype == np.float32
+    assert facts_of(file)["joints"] == ["Upper", "Lower", "Hand"]
+
+
+def test_the_golden_file_stays_loadable_and_means_the_same():
+    """Written by version 1 of the format; never regenerated."""
+    verb = artifact.load(GOLDEN)
+    poses = Evaluator(verb).pose({"x": 0.3, "y": 0.6}, phase=0.5)
+    assert verb.name == "arm"
+    np.testing.assert_allclose(poses.blend.weights.sum(), 1.0, atol=1e-12)
+    expected = json.loads(GOLDEN.with_suffix(".json").read_text())
+    np.testing.assert_allclose(poses.rotations[0], expected["rotations"], atol=1e-9)
+    np.testing.assert_allclose(poses.blend.error[0], expected["error"], atol=1e-9)
+
+
+def test_a_newer_format_says_upgrade(file, tmp_path):
+    newer = rewrite(file, tmp_path / "new.verb", lambda facts: facts.update(format=2))
+    with pytest.raises(ArtifactVersionError, match="has format 2; this Adverb reads up to 1"):
+        artifact.load(newer)
+
+
+def test_a_changed_array_fails_its_checksum(file, tmp_path):
+    with pytest.raises(ArtifactCorrupt, match="checksum"):
+        artifact.load(rewrite(file, tmp_path / "x.verb", arrays={"values": load_file(file)["values"] + 1}))
+
+
+def test_an_array_that_is_not_finite_is_refused(file, tmp_path):
+    values = load_file(file)["values"].copy()
+    values[0, 0] = np.nan
+    with pytest.raises(ArtifactCorrupt, match="'values' holds a number that is not finite"):
+        artifact.load(rewrite(file, tmp_path / "x.verb", arrays={"values": values}))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"name": "../../etc"},
+        {"joints": ["Upper", "Upper", "Hand"]},
+        {"joints": 7},
+        {"measure": {"kind": 1, "effector": 99, "keytime": 1}},
+        {"measure": {"kind": 99, "effector": 1, "keytime": 1}},
+        {"rotation_mode": 5},
+        {"examples": ["a"]},
+        {"bases": {}},
+        {"domain": {"chart": 9, "sharpness": 24}},
+        {"format": "one"},
+    ],
+)
+def test_facts_that_do_not_fit_are_refused(file, tmp_path, change):
+    with pytest.raises(ArtifactCorrupt):
+        artifact.load(rewrite(file, tmp_path / "x.verb", lambda facts: facts.update(change)))
+
+
+def test_a_missing_file_is_an_artifact_error(tmp_path):
+    with pytest.raises(ArtifactError, match="cannot be opened: No such file"):
+        artifact.load(tmp_path / "none.verb")
+
+
+def test_every_cut_of_a_file_is_refused(file, tmp_path):
+    block = file.read_bytes()
+    for size in [0, 1, 7, 8, 15, 16, 100, 1000, len(block) // 2, len(block) - 1]:
+        (tmp_path / "cut.verb").write_bytes(block[:size])
+        with pytest.raises(ArtifactCorrupt):
+            artifact.load(tmp_path / "cut.verb")
+
+
+def test_random_damage_is_a_typed_error_or_no_damage(file, tmp_path):
+    block, rng = file.read_bytes(), np.random.default_rng(6)
+    target, whole, refused = tmp_path / "bad.verb", artifact.load(file), 0
+    for _ in range(150):
+        damaged = bytearray(block)
+        for at in rng.integers(0, len(block), 4):
+            damaged[at] = rng.integers(256)
+        target.write_bytes(damaged)
+        try:
+            verb = artifact.load(target)
+        except VerbError:
+            refused += 1
+        else:
+            np.testing.assert_array_equal(verb.curves, whole.curves)
+            assert verb.adverbs == whole.adverbs
+    assert refused > 140
+
+
+def test_a_failed_write_leaves_nothing(file, tmp_path):
+    with pytest.raises(ArtifactError, match="cannot be written"):
+        artifact.save(artifact.load(file), tmp_path / "no" / "such" / "x.verb")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from verbs.kernels import character_state
+
+RATE = 1.6783469900166605  # (1 + x) · exp(-x) is one half here
+
+
+def steered(goal, steps, *, half_life_s=0.1, shown=None, velocity=None):
+    """Path (F, D) of one character that runs after a goal, in steps of these seconds; its velocity at the end."""
+    goal = np.atleast_2d(np.asarray(goal, float))
+    state = np.zeros((1, character_state.COLUMNS))
+    state[0, character_state.DECAY] = RATE / half_life_s if half_life_s else 0.0
+    shown = np.zeros_like(goal) if shown is None else shown.copy()
+    velocity = np.zeros_like(goal) if velocity is None else velocity.copy()
+    slot, known, out, moved = np.zeros(1, np.int64), np.ones(1, np.int64), np.empty_like(goal), np.empty(1, np.int64)
+    path, counts = [], []
+    for step_s in steps:
+        counts.append(character_state.steer(slot, step_s, state, goal, shown, velocity, known, out, moved))
+        path.append(out[0].copy())
+    return np.array(path), velocity, counts
+
+
+@pytest.mark.parametrize("half_life_s", [0.01, 0.1, 2.0])
+def test_half_of_the_way_is_done_after_the_half_life(half_life_s):
+    path, _, _ = steered([[1.0, -2.0]], [half_life_s / 8] * 8, half_life_s=half_life_s)
+    np.testing.assert_allclose(path[-1], [0.5, -1.0], atol=1e-6)
+
+
+def test_a_goal_is_not_overshot():
+    path, _, _ = steered([[1.0, -2.0, 0.0]], [1 / 60] * 300)
+    assert np.all(np.diff(path[:, 0]) >= 0)
+    assert path[:, 0].max() <= 1.0
+    assert np.all(np.diff(path[:, 1]) <= 0)
+    assert path[:, 1].min() >= -2.0
+    assert np.all(path[:, 2] == 0.0)
+
+
+@pytest.mark.parametrize("parts", [2, 7, 100])
+def test_steps_of_any_size_lead_to_one_place(parts):
+    rng = np.random.default_rng(0)
+    goal, shown, velocity = rng.normal(size=(3, 1, 3))
+    whole = steered(goal, [0.13], shown=shown, velocity=velocity)
+    divided = steered(goal, [0.13 / parts] * parts, shown=shown, velocity=velocity)
+    np.testing.assert_allclose(divided[0][-1], whole[0][-1], atol=1e-12)
+    np.testing.assert_allclose(divided[1], whole[1], atol=1e-12)
+
+
+def test_a_half_life_of_zero_is_at_once():
+    path, velocity, _ = steered([[3.0, 4.0]], [1 / 60], half_life_s=0.0, velocity=np.ones((1, 2)))
+    assert path[0].tolist() == [3.0, 4.0]
+    assert not velocity.any()
+
+
+def test_a_goal_is_reached_exactly_and_then_nothing_moves():
+    path, velocity, counts = steered([[0.3, -0.7]], [1 / 60] * 240)
+    assert path[-1].tolist() == [0.3, -0.7]
+    assert not velocity.any()
+    assert counts[0] == 1
+    assert counts[-1] == 0
+    assert counts.index(0) < 120  # within two seconds, at the default half-life
+    assert not any(counts[counts.index(0) :])
+
+
+def test_only_those_that_move_are_said_to():
+    state, goals = np.zeros((4, character_state.COLUMNS)), np.zeros((3, 2))
+    shown, velocity, known = np.zeros((4, 2)), np.zeros((4, 2)), np.array([1, 1, 0, 1])
+    goals[2] = 1.0
+    slots, moved, out = np.array([3, 2, 1]), np.empty(3, np.int64), np.empty((3, 2))
+    count = character_state.steer(slots, 0.1, state, goals, shown, velocity, known, out, moved)
+    assert moved[:count].tolist() == [1, 2]  # one is new, one has another goal
+    assert known.tolist() == [1, 1, 1, 1]
+
+
+PHASES = np.array([0.0, 0.4, 1.0])
+LENGTHS = np.log([[0.5, 1.5]])  # one example of 2 s
+
+
+def advanced(phase, *, speed=1.0, loop=0.0, looping=False, steps=(0.1,), fresh=0.0, playing=1.0):
+    """Rows of ``ends`` (F, REPORTS) of one character, and its state."""
+    state = np.zeros((1, character_state.COLUMNS))
+    columns = [
+        character_state.PHASE,
+        character_state.SPEED,
+        character_state.PLAYING,
+        character_state.LOOP,
+        character_state.FRESH,
+    ]
+    state[0, columns] = phase, speed, playing, loop, fresh
+    rows = []
+    for step_s in steps:
+        ends = np.full((1, character_state.REPORTS), np.nan)
+        character_state.advance(np.zeros(1, np.int64), step_s, state, np.ones((1, 1)), LENGTHS, PHASES, looping, ends)
+        state[0, character_state.FRESH] = 0.0
+        rows.append(ends[0])
+    return np.array(rows), state[0]
+
+
+def test_seconds_pass_at_the_speed_that_is_set():
+    for speed in (1.0, 2.0, 0.3, -1.0):
+        rows, _ = advanced(0.5, speed=speed, steps=[0.1, 0.05])
+        again, _ = advanced(0.5, speed=0.0)
+        np.testing.assert_allclose(rows[:, 1] - again[0, 1], np.array([0.1, 0.15]) * speed, atol=1e-12)
+        np.testing.assert_allclose(rows[:, 2], 2.0)
+
+
+@pytest.mark.parametrize(("speed", "start", "end"), [(1.0, 0.9, 1.0), (10.0, 0.0, 1.0), (-1.0, 0.1, 0.0)])
+def test_an_end_is_reported_once_and_holds(speed, start, end):
+    rows, state = advanced(start, speed=speed, steps=[0.3] * 12)
+    ended = rows[:, character_state.ENDED]
+    assert ended.sum() == 1
+    after = rows[int(ended.argmax()) :, 0]
+    assert np.all(after == end)
+    assert state[character_state.PLAYING] == 0.0
+    assert rows[:, character_state.PASSED][int(ended.argmax()) + 1 :].sum() == 0
+
+
+@pytest.mark.parametrize("looping", [True, False])
+def test_a_loop_goes_round(looping):
+    rows, _ = advanced(0.0, loop=1.0, looping=looping, steps=[0.7] * 9)
+    np.testing.assert_allclose(rows[:, 1], 0.7 * np.arange(1, 10) % 2.0, atol=1e-9)
+    assert rows[:, character_state.RESTARTED].sum() == (0 if looping else 3)
+    back, _ = advanced(0.0, loop=1.0, looping=looping, speed=-1.0, steps=[0.7] * 9)
+    np.testing.assert_allclose(back[:, 1], -0.7 * np.arange(1, 10) % 2.0, atol=1e-9)
+    gone = [np.sum(way[:, character_state.TO] - way[:, character_state.FROM]) for way in (rows, back)]
+    np.testing.assert_allclose(gone, [3 + rows[-1, character_state.AT], back[-1, character_state.AT] - 4], atol=1e-12)
+
+
+@pytest.mark.parametrize("looping", [True, False])
+def test_who_is_held_at_the_end_of_a_loop_stays_there(looping):
+    """Its end is the start of the next cycle, but nobody has walked that one."""
+    for kept in ({"speed": 0.0}, {"playing": 0.0}, {"fresh": 1.0}, {"speed": -1.0, "fresh": 1.0}):
+        rows, _ = advanced(1.0, loop=1.0, looping=looping, **kept)
+        assert rows[0, character_state.AT] == 1.0
+        assert rows[0, character_state.RESTARTED] == 0.0
+        assert abs(rows[0, character_state.TO] - rows[0, character_state.FROM]) < 2e-9
+
+
+def test_many_cycles_in_one_step():
+    rows, _ = advanced(0.2, loop=1.0, looping=True, speed=10.0, steps=[1.0])
+    assert rows[0, character_state.TO] == pytest.approx(5.2)
+    assert rows[0, character_state.PASSED] == 1.0
+
+
+def test_keytimes_pass_where_they_are_and_nowhere_else():
+    rows, _ = advanced(0.0, steps=[0.2] * 10, fresh=1.0)
+    assert np.flatnonzero(rows[:, character_state.PASSED]).tolist() == [
+        0,
+        3,
+    ]  # the start; 0.5 s, as the first frame stands
+    back, _ = advanced(1.0, speed=-1.0, steps=[0.2] * 14, fresh=1.0)
+    assert np.flatnonzero(back[:9, character_state.PASSED]).tolist() == [0, 8]
+    assert back[np.argmax(back[:, character_state.ENDED]), character_state.PASSED] == 1.0  # the start, as it is reached
+
+
+def walked(state, ends, weights, strides):
+    character_state.walk(np.zeros(1, np.int64), state, weights, strides, ends)
+    return state[0, [character_state.X, character_state.Z, character_state.HEADING]].copy()
+
+
+def test_the_way_back_undoes_the_way_there():
+    rng = np.random.default_rng(1)
+    strides, weights, state = (
+        rng.normal(size=(9, 2, 3)) * 0.2,
+        np.array([[0.7, 0.3]]),
+        np.zeros((1, character_state.COLUMNS)),
+    )
+    state[0, [character_state.X, character_state.Z, character_state.HEADING]] = 1.0, 2.0, 3.0
+    marks = [0.0, 0.05, 0.31, 0.99, 1.02, 2.7]
+    seen = [np.array([1.0, 2.0, 3.0])]
+    for start, stop in itertools.pairwise(marks):
+        ends = np.zeros((1, character_state.REPORTS))
+        ends[0, [character_state.FROM, character_state.TO]] = start, stop
+        seen.append(walked(state, ends, weights, strides))
+    for k in range(len(marks) - 1, 0, -1):
+        ends[0, [character_state.FROM, character_state.TO]] = (
+            marks[k] - np.floor(marks[k]),
+            marks[k - 1] - np.floor(marks[k]),
+        )
+        np.testing.assert_allclose(walked(state, ends, weights, strides), seen[k - 1], atol=1e-12)

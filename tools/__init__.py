@@ -1,0 +1,1 @@
+"""Programs that author and generate: sources of the built-in verbs, generated files."""

@@ -1,0 +1,1 @@
+"""Code that authors the sources of the built-in verbs."""

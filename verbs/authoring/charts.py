@@ -1,0 +1,76 @@
+"""Which chart a verb's adverbs live in, and why.
+
+The rule was chosen on some verbs and checked on others; ``docs/math.md``, "Kernel and chart", has the figures.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from verbs.authoring import basis
+from verbs.authoring.source import Source
+from verbs.conventions import F64
+from verbs.errors import SourceError
+from verbs.kernels import chart as charts
+from verbs.kernels import measure as measures
+from verbs.verb import Chart, Measure
+
+__all__ = ["choose", "plain"]
+
+SPAN = np.radians(120.0)
+"""Examples that surround the start by more than this have a hull that holds the body itself."""
+
+LEAST_GAP = np.radians(45.0)
+"""A cylinder needs somewhere to be cut."""
+
+
+def plain(source: Source, measure: Measure, values: F64) -> Chart:
+    """Chart of the paper's basis: the adverbs as they are, a jump's direction on its circle."""
+    units = tuple(adverb.unit for adverb in source.adverbs)
+    if measure.kind == measures.JUMP:
+        style = tuple(unit for k, unit in enumerate(units) if k not in measure.axes)
+        return basis.chart_of(values, ("m", *style), kind=charts.PLANAR, axes=measure.axes)
+    return basis.chart_of(values, units)
+
+
+def choose(source: Source, measure: Measure, values: F64, *, start: F64) -> tuple[Chart, str]:
+    """Chart of the domain and of smooth weights, and a sentence that says why.
+
+    Parameters
+    ----------
+    source : Source
+        Its ``chart`` decides, where it is given.
+    measure : Measure
+    values : (N, D) float64
+    start : (3,) float64
+        Mean root position at the start, metres: the cylinder's axis.
+
+    Raises
+    ------
+    SourceError
+        If a cylinder is asked for and cannot be had.
+    """
+    if measure.kind == measures.JUMP:
+        return plain(source, measure, values), "planar: a direction lives on its circle"
+    full = measure.kind == measures.POSITION and measure.axes.shape == (3,) and np.array_equal(measure.frame, np.eye(3))
+    if not full or source.chart == "identity":
+        if source.chart == "cylinder":
+            raise SourceError(source.path, "chart 'cylinder' needs a joint position with three measured adverbs")
+        asked = "asked for" if source.chart else "the adverbs are no position in space"
+        return plain(source, measure, values), f"identity: {asked}"
+    x, z = values[:, measure.axes[0]] - start[0], values[:, measure.axes[2]] - start[2]
+    angles = np.sort(np.arctan2(x, z) % (2 * np.pi))
+    gaps = np.diff(np.concatenate([angles, angles[:1] + 2 * np.pi]))
+    widest = int(np.argmax(gaps))
+    span, gap = 2 * np.pi - gaps[widest], gaps[widest]
+    words = f"the examples span {np.degrees(span):.0f}° about the start, with a gap of {np.degrees(gap):.0f}°"
+    if source.chart != "cylinder" and (span <= SPAN or gap < LEAST_GAP):
+        return plain(source, measure, values), f"identity: {words}"
+    if gap < np.radians(5.0):
+        raise SourceError(source.path, f"chart 'cylinder' cannot be cut: {words}")
+    cut = (angles[widest] + 0.5 * gap) % (2 * np.pi)
+    bend = np.array([start[0], start[2], cut, float(np.hypot(x, z).mean())])
+    units = tuple(adverb.unit for adverb in source.adverbs)
+    chart = basis.chart_of(values, units, kind=charts.CYLINDER, axes=measure.axes, bend=bend)
+    why = "asked for" if source.chart else "a straight hull would hold the body, which no example supports"
+    return chart, f"cylinder: {words}; {why}"

@@ -1,0 +1,392 @@
+"""Examples and their description in, a verb out. Slow, checked, and the same bytes for the same source.
+
+Stages: read → check → align and warp → fit curves → solve the basis → measure.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from verbs.authoring import apex, basis, charts, curves
+from verbs.authoring.source import Source, SourceExample, read
+from verbs.blend.methods import default_method
+from verbs.conventions import F64, I64
+from verbs.domain import describe, random_points
+from verbs.errors import IllPosedVerb, MotionFileError, SkeletonMismatch, SourceError, UnknownName
+from verbs.goal import Goal
+from verbs.io import bvh
+from verbs.kernels import measure as measures
+from verbs.kernels import pose as poses
+from verbs.motion import Motion
+from verbs.quality.report import diagonal
+from verbs.runtime.evaluate import Evaluator
+from verbs.verb import Adverb, Chart, Measure, Verb
+
+__all__ = ["Built", "build"]
+
+KEYTIME_SLACK_S = 1e-3
+"""A last keytime may lie this far past the end of its file: files round both numbers."""
+
+ADVERB_TOLERANCE = 0.005
+"""A stored adverb that differs from the measured one by more (m, or m/s) is reported."""
+
+QUALITY_POINTS = 1_000
+
+IN_PLACE_M = 0.15
+"""A jump shorter than this has no direction to speak of."""
+
+NEAR_DUPLICATE = 1e-9
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of a stage, the steps done and the steps there are."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Built:
+    """A verb and what its builder should know.
+
+    Parameters
+    ----------
+    verb : Verb
+    warnings : tuple of str
+    worst_stored : str
+        The example whose stored adverbs differ most from the measured ones, with both; empty if nothing is measured.
+    """
+
+    verb: Verb
+    warnings: tuple[str, ...]
+    worst_stored: str
+
+
+def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
+    """Build a verb from its source folder.
+
+    Raises
+    ------
+    SourceError, MotionFileError, SkeletonMismatch, IllPosedVerb
+        Naming the example and what to do.
+    """
+    say = progress or (lambda stage, done, total: None)
+    source = read(folder)
+    motions, digests = _read_motions(source, say)
+    keytimes = np.array([_checked_keytimes(source, e, m) for e, m in zip(source.examples, motions, strict=True)])
+    source, keytimes = apex.mark(source, motions, keytimes)
+    say("fitting curves", 0, 1)
+    names = [example.name for example in source.examples]
+    root_motion = poses.STRIDE if source.looping else poses.ABSOLUTE
+    mode = poses.ROTATION_VECTOR if source.rotations == "rotation_vector" else poses.NLERP
+    rate = max(curves.CURVE_RATE_HZ, min(120.0, max(motion.fps for motion in motions)))
+    phases, intervals = curves.canonical_phases(keytimes, rate)
+    fitted = curves.fit(
+        motions,
+        names,
+        keytimes,
+        phases,
+        intervals,
+        looping=source.looping,
+        root_motion=root_motion,
+        rotation_mode=mode,
+    )
+    say("fitting curves", 1, 1)
+    say("solving the basis", 0, 1)
+    stored = np.array([example.values for example in source.examples])
+    draft = _draft(source, motions[0], keytimes - keytimes[:, :1], phases, fitted, stored, root_motion, mode)
+    values, warnings, worst = _measured_values(draft, stored)
+    fields, reason = _bases(source, draft, values)
+    verb = replace(draft, values=values, adverbs=_ranges(draft.adverbs, draft.measure, values), **fields)
+    say("solving the basis", 1, 1)
+    say("measuring", 0, 1)
+    quality = {"chart_reason": reason, **_quality(verb, motions, keytimes)}
+    say("measuring", 1, 1)
+    provenance = {
+        "source": source.provenance,
+        "files": {example.file.name: digest for example, digest in zip(source.examples, digests, strict=True)},
+        "simplices": [list(row) for row in source.simplices],
+        "built_by": f"adverb {metadata.version('adverb')}",
+    }
+    return Built(replace(verb, quality=quality, provenance=provenance), (*fitted.warnings, *warnings), worst)
+
+
+def _read_motions(source: Source, say: Progress) -> tuple[list[Motion], list[str]]:
+    motions: list[Motion] = []
+    digests: list[str] = []
+    for k, example in enumerate(source.examples):
+        say("reading motions", k, len(source.examples))
+        if not example.file.is_file():
+            raise SourceError(source.path, f"its file '{example.file.name}' does not exist", example=example.name)
+        try:
+            motion = bvh.read(example.file, unit=source.length_unit)
+        except MotionFileError as err:
+            raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
+        if motions:
+            gap = motions[0].skeleton.difference(motion.skeleton)
+            if gap:
+                raise SkeletonMismatch(
+                    f"{source.path}, example '{example.name}': its skeleton differs from that of "
+                    f"'{source.examples[0].name}': it {gap}; retarget it, or leave it out"
+                )
+        elif source.root and motion.skeleton.names[0] != source.root:
+            raise SourceError(
+                source.path,
+                f"root is '{source.root}', but the motion's root joint is '{motion.skeleton.names[0]}'",
+                example=example.name,
+            )
+        motions.append(motion)
+        digests.append(hashlib.sha256(example.file.read_bytes()).hexdigest())
+    say("reading motions", len(source.examples), len(source.examples))
+    return motions, digests
+
+
+def _checked_keytimes(source: Source, example: SourceExample, motion: Motion) -> F64:
+    marks, end = np.array(example.keytimes), motion.duration_s
+    for name, mark in zip(source.keytime_names, marks, strict=True):
+        if mark < 0 or mark > end + KEYTIME_SLACK_S:
+            raise SourceError(
+                source.path,
+                f"keytime '{name}' is {mark} s, but the motion lasts from 0 to {end:.5f} s",
+                example=example.name,
+            )
+    marks = np.minimum(marks, end)
+    short = int(np.argmin(np.diff(marks)))
+    if marks[short + 1] - marks[short] < KEYTIME_SLACK_S:
+        raise SourceError(
+            source.path,
+            f"keytimes '{source.keytime_names[short]}' and '{source.keytime_names[short + 1]}' are less than "
+            f"{KEYTIME_SLACK_S * 1000:g} ms apart; move one",
+            example=example.name,
+        )
+    if source.looping and (marks[0] > KEYTIME_SLACK_S or marks[-1] < end - KEYTIME_SLACK_S):
+        raise SourceError(
+            source.path,
+            f"a looping verb's keytimes must span the whole file (0 to {end:.5f} s): one file is one cycle",
+            example=example.name,
+        )
+    return np.asarray(marks, np.float64)
+
+
+def _measure_of(source: Source, motion: Motion) -> Measure:
+    """The measure that verb.toml asks for, its names resolved."""
+    axes = np.array([k for k, adverb in enumerate(source.adverbs) if not adverb.style], np.int64)
+    kind = measures.MEASURES[source.measure]
+    try:
+        effector = motion.skeleton.index(source.effector) if source.effector else 0
+    except UnknownName as err:
+        raise SourceError(source.path, f"effector: {err}") from err
+    if kind == measures.NOTHING:
+        return Measure(kind, effector, -1, axes[:0], np.zeros(3), np.zeros((3, 0)))
+    names = [source.adverbs[a].name for a in axes]
+    frame = np.eye(3)
+    if kind == measures.POSITION:
+        if source.effector_keytime < 0 or source.effector is None:
+            raise SourceError(source.path, "measure 'joint_position' needs effector and effector_keytime_index")
+        if source.goal:
+            return _sheet(source, effector, axes)
+        if len(axes) != 3:
+            if not names or not set(names) <= {"x", "y", "z"}:
+                raise SourceError(
+                    source.path, "measure 'joint_position' needs three measured adverbs, or fewer called x, y or z"
+                )
+            frame = np.array([[1.0 if name == axis else 0.0 for name in names] for axis in "xyz"])
+    elif len(axes) != 3:
+        raise SourceError(source.path, f"measure '{source.measure}' needs exactly three adverbs that are no style")
+    if kind == measures.VELOCITY and not source.looping:
+        raise SourceError(source.path, "measure 'root_velocity' needs looping = true")
+    if kind != measures.VELOCITY and source.looping:
+        raise SourceError(source.path, f"measure '{source.measure}' needs looping = false")
+    keytime = -1
+    if kind == measures.POSITION:
+        keytime = source.effector_keytime
+    elif kind == measures.JUMP:
+        keytime = source.keytime_names.index(apex.NAME)
+    return Measure(kind, effector, keytime, axes, np.zeros(3), frame)
+
+
+def _sheet(source: Source, effector: int, axes: I64) -> Measure:
+    """A joint position whose adverbs are coordinates on a sheet (or line) in space."""
+    frame = np.array(source.goal[1:]).T
+    if np.linalg.matrix_rank(frame) < len(axes):
+        raise SourceError(source.path, "the axes of [goal] must be independent of each other")
+    return Measure(measures.POSITION, effector, source.effector_keytime, axes, np.array(source.goal[0]), frame)
+
+
+def _draft(
+    source: Source,
+    motion: Motion,
+    keytimes: F64,
+    phases: F64,
+    fitted: curves.Curves,
+    stored: F64,
+    root_motion: int,
+    mode: int,
+) -> Verb:
+    """The verb with the adverbs that its source states, before they are measured."""
+    measure = _measure_of(source, motion)
+    adverbs = tuple(Adverb(a.name, a.unit, a.description, a.style, 0.0, 0.0) for a in source.adverbs)
+    examples = tuple(example.name for example in source.examples)
+    chart = charts.plain(source, measure, stored)
+    _check_duplicates(chart, stored, examples)
+    _check_spread(chart, stored, tuple(a.name for a in adverbs))
+    return Verb(
+        name=source.name,
+        description=source.description,
+        looping=source.looping,
+        skeleton=motion.skeleton,
+        adverbs=_ranges(adverbs, measure, stored),
+        examples=examples,
+        values=stored,
+        keytime_names=source.keytime_names,
+        keytimes=keytimes,
+        phases=phases,
+        curves=fitted.curves,
+        references=fitted.references,
+        rotation_mode=mode,
+        root_motion=root_motion,
+        strides=fitted.strides,
+        measure=measure,
+        domain=basis.domain_of(chart, stored),
+        bases={"rbf": basis.cardinal(chart, stored, names=examples)},
+    )
+
+
+def _check_duplicates(chart: Chart, values: F64, names: tuple[str, ...]) -> None:
+    points = chart.points(values)
+    for first in range(len(points)):
+        for second in range(first + 1, len(points)):
+            if np.linalg.norm(points[first] - points[second]) < NEAR_DUPLICATE:
+                raise IllPosedVerb(
+                    f"examples '{names[first]}' and '{names[second]}' have the same adverbs {values[first].tolist()}; "
+                    "leave one out, or tell them apart by another adverb"
+                )
+
+
+def _check_spread(chart: Chart, values: F64, adverbs: tuple[str, ...]) -> None:
+    """Refuse examples that do not span the adverb space, naming what they fail to vary."""
+    points = chart.points(values)
+    centred = points - points.mean(axis=0)
+    _, sizes, directions = np.linalg.svd(centred, full_matrices=True)
+    rank = int(np.sum(sizes > 1e-6 * max(sizes[0], 1e-12)))
+    dims = len(adverbs)
+    if rank >= dims:
+        return
+    constant = [name for name, column in zip(adverbs, centred.T, strict=True) if np.ptp(column) < 1e-9]
+    if constant:
+        raise IllPosedVerb(
+            f"adverb '{constant[0]}' has the same value in all {len(values)} examples; vary it, or leave it out"
+        )
+    tied = [name for name, share in zip(adverbs, np.abs(directions[-1]), strict=True) if share > 0.1]
+    shape = "one line" if rank == 1 else f"a flat sheet of {rank} dimensions"
+    raise IllPosedVerb(
+        f"the {len(values)} examples lie on {shape} of the {dims}-dimensional adverb space "
+        f"({' and '.join(tied)} change together); add examples off it (at least {dims + 1} in all), or drop an adverb"
+    )
+
+
+def _ranges(adverbs: tuple[Adverb, ...], measure: Measure, values: F64) -> tuple[Adverb, ...]:
+    """Adverbs with their ranges over the examples; jumps in place do not count for the direction."""
+    counted = values.copy()
+    if measure.kind == measures.JUMP:
+        distance, direction, _ = measure.axes
+        counted[values[:, distance] < IN_PLACE_M, direction] = np.nan
+    counted = np.where(np.isnan(counted).all(axis=0), 0.0, counted)
+    lows, highs = np.nanmin(counted, axis=0), np.nanmax(counted, axis=0)
+    return tuple(
+        replace(adverb, minimum=float(low), maximum=float(high))
+        for adverb, low, high in zip(adverbs, lows, highs, strict=True)
+    )
+
+
+def _measured_values(draft: Verb, stored: F64) -> tuple[F64, list[str], str]:
+    """Adverbs as measured on the stored curves; warnings where the source says otherwise; the worst of them."""
+    goal = Goal.of_verb(draft)
+    if not goal.measurable:
+        return stored, [], ""
+    reached = goal.reached(np.eye(len(stored)))
+    values = stored.copy()
+    values[:, draft.measure.axes], gaps = goal.compare(stored, reached)
+    lines = []
+    for name, said, found, gap in zip(draft.examples, stored, values, gaps, strict=True):
+        pairs = [f"{draft.adverbs[a].name} {said[a]:.4f} (measured {found[a]:.4f})" for a in draft.measure.axes]
+        lines.append(f"'{name}': {', '.join(pairs)}; {gap * 1000:.1f} m{draft.measure.unit} apart")
+    warnings = [
+        f"stored adverbs differ from the measured ones, which are used, in example {line}"
+        for line, gap in zip(lines, gaps, strict=True)
+        if gap > ADVERB_TOLERANCE
+    ]
+    return values, warnings, lines[int(np.argmax(gaps))]
+
+
+def _bases(source: Source, draft: Verb, values: F64) -> tuple[dict[str, Any], str]:
+    """Domain and bases of the measured adverbs, as fields of a verb, and why the domain's chart is what it is."""
+    plain = charts.plain(source, draft.measure, values)
+    _check_duplicates(plain, values, draft.examples)
+    chart, reason = charts.choose(source, draft.measure, values, start=draft.curves[1, :, :3].mean(axis=0))
+    bases = {"rbf": basis.cardinal(plain, values, names=draft.examples)}
+    if draft.measure.kind != measures.NOTHING:
+        bases["smooth"] = basis.smooth(chart, values, names=draft.examples)
+    return {"domain": basis.domain_of(chart, values), "bases": bases}, reason
+
+
+def _quality(verb: Verb, motions: list[Motion], keytimes: F64) -> dict[str, Any]:
+    """Figures that the artifact carries: error at the examples, of the curves, and inside the domain."""
+    evaluator = Evaluator(verb)
+    quality: dict[str, Any] = {
+        "domain": describe(verb),
+        "condition": verb.bases["rbf"].condition,
+        "curve_error_max_m": _curve_error(evaluator, motions, keytimes),
+        "unit": verb.measure.unit,
+    }
+    if evaluator.goal.measurable:
+        points = random_points(verb, np.random.default_rng(7), QUALITY_POINTS)
+        quality |= {
+            "error_examples_max_m": float(evaluator.blend(verb.values).error.max()),
+            "samples": QUALITY_POINTS,
+            "diagonal_m": diagonal(verb),
+            "method": default_method(verb),
+            "methods": {name: _inside(evaluator, name, points) for name in ("rbf", default_method(verb))},
+        }
+    return quality
+
+
+def _inside(evaluator: Evaluator, method: str, points: F64) -> dict[str, float]:
+    """Error and sum of absolute weights of one method inside the domain."""
+    blend = evaluator.blend(points, method=method)
+    return {
+        "error_mean_m": float(blend.error.mean()),
+        "error_max_m": float(blend.error.max()),
+        "weight_sum_max": float(np.abs(blend.weights).sum(axis=1).max()),
+    }
+
+
+def _curve_error(evaluator: Evaluator, motions: list[Motion], keytimes: F64) -> float:
+    """Largest distance of any joint at any frame between the motions and the verb at the examples' weights, metres."""
+    verb, worst = evaluator.verb, 0.0
+    for i, (motion, marks) in enumerate(zip(motions, keytimes, strict=True)):
+        frames = np.arange(len(motion))
+        times = frames / motion.fps - marks[0]
+        kept = (times >= -1e-9) & (times <= marks[-1] - marks[0] + 1e-9)
+        unit = np.zeros((1, len(motions)))
+        unit[0, i] = 1.0
+        blend = evaluator.measure("example", unit, verb.values[i : i + 1], np.zeros(1, bool))
+        shown = evaluator.pose_of(blend, time_s=np.clip(times[kept], 0.0, None))
+        _, found = evaluator.positions(shown)
+        true_root, true_turns = motion.root[kept], motion.rotations[kept]
+        turns, places = np.empty_like(true_turns), np.empty((len(true_root), len(verb.skeleton), 3))
+        poses.forward(
+            np.ascontiguousarray(true_root),
+            np.ascontiguousarray(true_turns),
+            verb.skeleton.parents,
+            verb.skeleton.offsets,
+            turns,
+            places,
+        )
+        if verb.looping:  # a loop starts at the origin; the file may start elsewhere
+            places = places - np.array([motion.root[0, 0], 0.0, motion.root[0, 2]])
+        worst = max(worst, float(np.linalg.norm(found - places, axis=-1).max()))
+    return worst

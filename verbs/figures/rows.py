@@ -1,0 +1,94 @@
+"""Seed 1, figures 15 to 18: rows of poses along each adverb."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from verbs.conventions import F64
+from verbs.domain import plane
+from verbs.figures import canvas
+from verbs.figures.draw import VIEWS, draw_poses, points
+from verbs.figures.study import Progress
+from verbs.kernels import chart as charts
+from verbs.kernels import measure as measures
+from verbs.runtime.evaluate import Evaluator
+from verbs.verb import Verb
+
+__all__ = ["draw"]
+
+_ACROSS = 6
+_BENT = {
+    (charts.CYLINDER, 0): ("angle", "°"),
+    (charts.CYLINDER, 2): ("distance", " m"),
+    (charts.PLANAR, 0): ("left", " m"),
+    (charts.PLANAR, 1): ("forward", " m"),
+}
+"""What the axes of bent charts are called, and counted in."""
+
+_LEAST_M = 1.35
+"""Least distance of neighbours, so that the text under them has room."""
+
+
+def draw(folder: Path, verbs: list[Verb], progress: Progress) -> list[Path]:
+    """Draw one picture per verb; a captured verb of a built-in's name is told apart by its number of examples."""
+    paths = []
+    for k, verb in enumerate(verbs):
+        progress("poses", k, len(verbs))
+        path = folder / f"seed1_fig15_18_{verb.name}{'_captured' if k else ''}.png"
+        _draw_verb(path, verb)
+        paths.append(canvas.shrink(path))
+    progress("poses", len(verbs), len(verbs))
+    return paths
+
+
+def _draw_verb(path: Path, verb: Verb) -> None:
+    """One row per chart axis, the others at mid-range, at the instant that is measured."""
+    evaluator, place = Evaluator(verb), verb.measure.kind == measures.POSITION
+    lines = [_line(verb, axis) for axis in range(len(verb.adverbs))]
+    adverbs = np.concatenate(lines)
+    phase = float(verb.phases[verb.measure.keytime]) if verb.measure.keytime >= 0 else 0.25
+    poses = evaluator.pose(adverbs, phase=phase)
+    bodies = points(verb.skeleton, poses.root, poses.rotations)
+    if not place:  # who travels is drawn where the others are
+        bodies = bodies - poses.root[:, None] * np.array([1.0, 0.0, 1.0])
+    goals = evaluator.goal.points(adverbs) if place else None
+    draw_poses(
+        verb.skeleton,
+        list(bodies),
+        path,
+        view="three_quarter",
+        columns=_ACROSS,
+        spacing_m=_spacing(bodies),
+        labels=[text for axis, line in enumerate(lines) for text in _words(verb, axis, line)],
+        marks=() if goals is None else list(goals),
+        pixels_per_m=100.0,
+    )
+
+
+def _line(verb: Verb, axis: int) -> F64:
+    """Adverbs (n, D), evenly spaced along one chart axis as far as the hull goes."""
+    fine = plane(verb, (axis, axis), [0.5] * len(verb.adverbs), 201)
+    inside = np.flatnonzero(fine.inside[:, 0])
+    chosen = np.round(np.linspace(inside[0], inside[-1], _ACROSS)).astype(int)
+    return np.ascontiguousarray(fine.adverbs[chosen, 0])
+
+
+def _words(verb: Verb, axis: int, rows: F64) -> list[str]:
+    """Under each pose of a row, where it is on the chart axis that the row runs along."""
+    chart, adverb = verb.domain.chart, verb.adverbs[axis]
+    places = (verb.domain.chart.points(rows) / chart.scale + chart.shift)[:, axis]
+    bent = (chart.kind, int(np.flatnonzero(chart.axes == axis)[0])) if axis in chart.axes else (charts.IDENTITY, 0)
+    name, unit = _BENT.get(bent, (adverb.name.split("_")[0], " " + adverb.unit))
+    if unit == "°":
+        places = np.degrees((places / chart.bend[3] + chart.bend[2] + np.pi) % (2 * np.pi) - np.pi)
+    digits = 0 if unit == "°" else 2
+    return [f"{name} {place + 0.0:.{digits}f}{unit}".replace("-", "−") for place in np.round(places, digits)]
+
+
+def _spacing(bodies: F64) -> float:
+    """Distance of neighbours, m: as wide as the widest pose is from the camera, or as the text needs."""
+    azimuth = np.radians(VIEWS["three_quarter"][0])
+    across = bodies @ np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    return max(_LEAST_M, float(np.ptp(across)) + 0.2)

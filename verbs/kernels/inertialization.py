@@ -1,0 +1,196 @@
+"""Inertialisation: what is left of one motion, as an offset that decays on top of the next.
+
+``state`` is that of :mod:`verbs.kernels.character_state`, (C, :data:`~verbs.kernels.character_state.COLUMNS`) float64.
+
+Source: ``docs/math.md``, section "Live characters"; D. Bollo, "Inertialization", GDC 2018.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from verbs.conventions import F64, I64
+from verbs.kernels.character_state import FRESH, HEADING, LENGTH, SINCE, STEP, X, Z
+from verbs.kernels.compile import kernel
+from verbs.kernels.pose import multiply
+
+__all__ = ["begin", "settle", "step_back"]
+
+
+@kernel
+def _log(q: F64, out: F64) -> None:
+    """Rotation vector (3,) of a unit quaternion (4,), the shorter way round."""
+    sign = -1.0 if q[3] < 0.0 else 1.0
+    sine = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    scale = sign * (2.0 * np.arctan2(sine, sign * q[3]) / sine if sine > 1e-9 else 2.0)
+    for a in range(3):
+        out[a] = scale * q[a]
+
+
+@kernel
+def _turned(to: F64, source: F64, out: F64) -> None:
+    """The rotation (4,) that turns one unit quaternion (4,) into another, in their parent's axes."""
+    back = np.empty(4)
+    for a in range(3):
+        back[a] = -source[a]
+    back[3] = source[3]
+    multiply(to, back, out)
+
+
+@kernel
+def _between(to: F64, source: F64, out: F64) -> None:
+    """Rotation vector (3,) of what turns one unit quaternion (4,) into another."""
+    turn = np.empty(4)
+    _turned(to, source, turn)
+    _log(turn, out)
+
+
+@kernel
+def _before(here: F64, after: F64, out: F64) -> None:
+    """Rotation (4,) that lies as far before one as another lies after it."""
+    turn = np.empty(4)
+    _turned(here, after, turn)
+    multiply(turn, here, out)
+
+
+@kernel
+def step_back(frames: F64) -> None:
+    """Replace two frames (2, 3 + 4·J) by the one that lies before them, as if motion were even, and the first."""
+    before, here = np.empty(4), np.empty(4)
+    for a in range(3):
+        first = frames[0, a]
+        frames[0, a], frames[1, a] = 2.0 * first - frames[1, a], first
+    for at in range(3, frames.shape[1], 4):
+        here[:] = frames[0, at : at + 4]
+        _before(here, frames[1, at : at + 4], before)
+        frames[0, at : at + 4], frames[1, at : at + 4] = before, here
+
+
+@kernel
+def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
+    """Start a transition: how far, and how fast, the pose shown is off the motion that is to be shown.
+
+    Parameters
+    ----------
+    step_s : float
+        Seconds between the two rows of each of the next two.
+    last : (2, 3 + 4·J) float64
+        The last two frames that were shown: the one before, then the last. Root position, then rotations.
+    ahead : (2, 3 + 4·J) float64
+        The first two frames of the motion that follows.
+    offsets : (2, 3 + 3·J) float64
+        Written: offsets (m, rotation vectors) at its start, and their velocities.
+    """
+    joints = (last.shape[1] - 3) // 4
+    before, early = np.empty(4), np.empty(3)
+    for a in range(3):
+        offsets[0, a] = last[1, a] - ahead[0, a]
+        offsets[1, a] = (last[1, a] - last[0, a] - ahead[1, a] + ahead[0, a]) / step_s
+    for j in range(joints):
+        at, to = 3 + 4 * j, 3 + 3 * j
+        here = ahead[0, at : at + 4]
+        _between(last[1, at : at + 4], here, offsets[0, to : to + 3])
+        # One frame before its start, the motion is taken to have turned as in its first frame.
+        _before(here, ahead[1, at : at + 4], before)
+        _between(last[0, at : at + 4], before, early)
+        _unwrap(early, offsets[0, to : to + 3])
+        for a in range(3):
+            offsets[1, to + a] = (offsets[0, to + a] - early[a]) / step_s
+
+
+@kernel
+def _unwrap(vector: F64, near: F64) -> None:
+    """Of the two rotation vectors (3,) of one rotation take the one nearer to another: half a turn has both."""
+    angle = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    dot = vector[0] * near[0] + vector[1] * near[1] + vector[2] * near[2]
+    if dot < 0.0 and angle > 0.5 * np.pi:
+        for a in range(3):
+            vector[a] *= 1.0 - 2.0 * np.pi / angle
+
+
+@kernel
+def settle(
+    slots: I64, step_s: float, state: F64, offsets: F64, shown: F64, striding: bool, root: F64, rotations: F64
+) -> None:
+    """Put poses (B, 3), (B, J, 4) into the world, add what is left of transitions, and remember what was shown.
+
+    A transition's offset goes from x₀ and v₀ to rest as :func:`_left` says.
+
+    Parameters
+    ----------
+    offsets : (C, 2, 3 + 3·J) float64
+        See :func:`begin`.
+    shown : (C, 2, 3 + 4·J) float64
+        The last two frames of each character; moved on by one, or, where it appeared, both that frame.
+    striding : bool
+        Whether the root's place is all of its travel.
+    """
+    joints = rotations.shape[1]
+    turn, local = np.zeros(4), np.empty(4)
+    for b in range(slots.shape[0]):
+        s = slots[b]
+        row = state[s]
+        cosine, sine = np.cos(row[HEADING]), np.sin(row[HEADING])
+        x, z = (0.0, 0.0) if striding else (root[b, 0], root[b, 2])
+        root[b, 0], root[b, 2] = row[X] + x * cosine + z * sine, row[Z] - x * sine + z * cosine
+        turn[0], turn[1], turn[2], turn[3] = 0.0, np.sin(0.5 * row[HEADING]), 0.0, np.cos(0.5 * row[HEADING])
+        local[:] = rotations[b, 0]
+        multiply(turn, local, rotations[b, 0])
+        if row[LENGTH] > 0.0:
+            _decay(step_s, row, offsets[s], turn, local, root[b], rotations[b])
+        shown[s, 0] = shown[s, 1]
+        shown[s, 1, :3] = root[b]
+        for j in range(joints):
+            shown[s, 1, 3 + 4 * j : 7 + 4 * j] = rotations[b, j]
+        if row[FRESH] == 1.0:  # it did not move there
+            shown[s, 0] = shown[s, 1]
+        row[STEP], row[FRESH] = step_s, 0.0
+
+
+@kernel
+def _left(u: float) -> tuple[float, float]:
+    """What is left of an offset, and of a velocity times its duration, at a share (0 to 1) of a transition.
+
+    Both start with the slopes 0 and 1, end at rest, and are parabolas and lines: the offset gathers speed in the first
+    0.3, loses it in the last 0.3 and goes evenly between; the velocity is braked and reversed to a half until 0.6,
+    kept until 0.8, and braked. So accelerations stay within 100/21 x₀/T² and 5/2 v₀/T, speeds within 10/7 x₀/T.
+    """
+    v = 1.0 - u
+    if u < 0.3:
+        keep = 1.0 - u * u / 0.42
+    elif v > 0.3:
+        keep = 1.0 - (u - 0.15) / 0.7
+    else:
+        keep = v * v / 0.42
+    if u < 0.6:
+        carry = u - 1.25 * u * u
+    elif u < 0.8:
+        carry = 0.45 - 0.5 * u
+    else:
+        carry = 1.25 * v * v
+    return keep, carry
+
+
+@kernel
+def _decay(step_s: float, row: F64, offset: F64, turn: F64, local: F64, root: F64, rotations: F64) -> None:
+    """Add what is left of one character's transition to its pose."""
+    row[SINCE] += step_s
+    length = row[LENGTH]
+    u = row[SINCE] / length
+    if u >= 1.0 - 1e-9:
+        row[LENGTH] = 0.0
+        return
+    keep, carry = _left(u)
+    carry *= length
+    for a in range(3):
+        root[a] += keep * offset[0, a] + carry * offset[1, a]
+    for j in range(rotations.shape[0]):
+        at = 3 + 3 * j
+        vx = keep * offset[0, at] + carry * offset[1, at]
+        vy = keep * offset[0, at + 1] + carry * offset[1, at + 1]
+        vz = keep * offset[0, at + 2] + carry * offset[1, at + 2]
+        angle = np.sqrt(vx * vx + vy * vy + vz * vz)
+        scale = np.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
+        turn[0], turn[1], turn[2], turn[3] = scale * vx, scale * vy, scale * vz, np.cos(0.5 * angle)
+        local[:] = rotations[j]
+        multiply(turn, local, rotations[j])

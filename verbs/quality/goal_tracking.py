@@ -1,0 +1,92 @@
+"""How a character moves while its goal moves: the pose held at the effector's keytime, weights asked for every frame.
+
+A goal on a circle has one acceleration of its own. What the joints add to it is the method's doing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from verbs.conventions import F64
+from verbs.domain import inside, random_points
+from verbs.errors import RequestError
+from verbs.kernels import measure as measures
+from verbs.runtime.evaluate import Evaluator
+
+__all__ = ["Follow", "circles", "follow"]
+
+RATE_HZ = 60.0
+
+JITTER = 3.0
+"""A frame jitters where its acceleration is above this many times the median of its neighbourhood."""
+
+NEIGHBOURHOOD = 15
+"""Frames to either side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """Following goals on circles.
+
+    Parameters
+    ----------
+    method : str
+    ratio_median, ratio_max : float
+        Largest acceleration of any joint over that of the goal: median and worst of the circles.
+    jitter : float
+        Share of frames that jitter.
+    error_mean_m : float
+    """
+
+    method: str
+    ratio_median: float
+    ratio_max: float
+    jitter: float
+    error_mean_m: float
+
+
+def circles(
+    evaluator: Evaluator, rng: np.random.Generator, *, count: int = 12, radius_m: float = 0.12, turn_hz: float = 0.5
+) -> F64:
+    """Goals (count, F, 3) on circles inside the domain, in random planes, two turns each at 60 Hz.
+
+    Raises
+    ------
+    RequestError
+        If the verb's goals are no positions in space, or hardly a circle of this radius fits into its domain.
+    """
+    verb = evaluator.verb
+    if verb.measure.kind != measures.POSITION or len(verb.adverbs) != 3:
+        raise RequestError(f"'{verb.name}' has no goal in space that could follow a circle")
+    frames = np.arange(round(2.0 / turn_hz * RATE_HZ))
+    angle = 2.0 * np.pi * turn_hz / RATE_HZ * frames
+    kept: list[F64] = []
+    for centre in random_points(verb, rng, 4_000):
+        first, second = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
+        path = centre + radius_m * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
+        if inside(verb.domain, verb.domain.chart.points(path)).all():
+            kept.append(path)
+        if len(kept) == count:
+            return np.array(kept)
+    raise RequestError(f"only {len(kept)} of {count} circles of {radius_m} m fit into the domain of '{verb.name}'")
+
+
+def follow(evaluator: Evaluator, method: str, paths: F64) -> Follow:
+    """Follow goals (C, F, 3), weights recomputed every frame, and measure accelerations (m/s²) and jitter."""
+    verb, ratios, jitters, errors = evaluator.verb, [], [], []
+    phase = float(verb.phases[verb.measure.keytime])
+    for path in paths:
+        poses = evaluator.pose(np.ascontiguousarray(path), phase=np.full(len(path), phase), method=method)
+        _, places = evaluator.positions(poses)
+        joints = np.linalg.norm(np.diff(places, n=2, axis=0), axis=-1).max(axis=1) * RATE_HZ**2
+        own = np.linalg.norm(np.diff(path, n=2, axis=0), axis=-1).max() * RATE_HZ**2
+        windows = np.lib.stride_tricks.sliding_window_view(joints, 2 * NEIGHBOURHOOD + 1)
+        middle = joints[NEIGHBOURHOOD : len(joints) - NEIGHBOURHOOD]
+        ratios.append(joints.max() / own)
+        jitters.append(np.mean(middle > JITTER * np.median(windows, axis=1)))
+        errors.append(poses.blend.error.mean())
+    return Follow(
+        method, float(np.median(ratios)), float(np.max(ratios)), float(np.mean(jitters)), float(np.mean(errors))
+    )

@@ -1,0 +1,83 @@
+"""Leave-one-out: how near a method comes to an example's pose when it is made from the others.
+
+The examples that are left out mostly lie on the hull of all, so this asks for extrapolation: it says which method stays
+closest to what the animator did, and nothing about error inside the domain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from verbs.authoring import basis as bases
+from verbs.kernels import chart as charts
+from verbs.kernels import measure as measures
+from verbs.kernels import quat
+from verbs.runtime.evaluate import Evaluator
+from verbs.verb import Chart, Verb
+
+__all__ = ["LeftOut", "leave_one_out", "subset"]
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Mean joint angle (rad) and goal error (the measure's unit) between left-out examples and their predictions."""
+
+    method: str
+    angle_mean_rad: float
+    error_mean: float
+
+
+def subset(verb: Verb, kept: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Verb:
+    """A verb of some of its examples; domain and bases are solved anew, in charts that bend as they did."""
+    values = np.ascontiguousarray(verb.values[kept])
+    smooth = "smooth" in verb.bases
+    chart = _rescaled(verb.domain.chart, verb, values)
+    fields = {"rbf": bases.cardinal(_rescaled(verb.bases["rbf"].chart, verb, values), values)}
+    if smooth:
+        fields["smooth"] = bases.smooth(chart, values)
+    return replace(
+        verb,
+        examples=tuple(verb.examples[i] for i in kept),
+        values=values,
+        keytimes=np.ascontiguousarray(verb.keytimes[kept]),
+        curves=np.ascontiguousarray(verb.curves[:, kept]),
+        strides=np.ascontiguousarray(verb.strides[:, kept]),
+        domain=bases.domain_of(chart, values),
+        bases=fields,
+        provenance={key: value for key, value in verb.provenance.items() if key != "simplices"},
+    )
+
+
+def _rescaled(chart: Chart, verb: Verb, values: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> Chart:
+    """The same bend over other examples, shifted and scaled to them."""
+    units = tuple(adverb.unit for adverb in verb.adverbs)
+    if chart.kind == charts.PLANAR and len(units) == 3:
+        units = ("m",)
+    return bases.chart_of(values, units, kind=chart.kind, axes=chart.axes, bend=chart.bend)
+
+
+def leave_one_out(verb: Verb, methods: tuple[str, ...]) -> list[LeftOut]:
+    """Predict each example from the others, by each method.
+
+    The pose compared is the one at the effector's keytime, or the mean over ten phases where there is none. Goals are
+    not drawn back to the smaller domain, so that methods are compared and not the clamp.
+    """
+    count = len(verb.examples)
+    keytime = verb.measure.keytime
+    phases = verb.phases[[keytime]] if verb.measure.kind == measures.POSITION else np.linspace(0.05, 0.95, 10)
+    angles, errors = np.zeros((len(methods), count)), np.zeros((len(methods), count))
+    for i in range(count):
+        true = Evaluator(verb)
+        unit = np.eye(count)[i : i + 1]
+        own = true.pose_of(true.measure("example", unit, verb.values[i : i + 1], np.zeros(1, bool)), phase=phases)
+        other = Evaluator(subset(verb, np.delete(np.arange(count), i)))
+        for m, name in enumerate(methods):
+            weights = other.method(name)[1].weights(verb.values[i : i + 1].copy())
+            blend = other.measure(name, weights, verb.values[i : i + 1], np.zeros(1, bool))
+            shown = other.pose_of(blend, phase=phases)
+            turns = quat.log(quat.mul(quat.conjugate(own.rotations), shown.rotations))
+            angles[m, i] = np.linalg.norm(turns, axis=-1).mean()
+            errors[m, i] = blend.error[0]
+    return [LeftOut(name, float(angles[m].mean()), float(errors[m].mean())) for m, name in enumerate(methods)]

@@ -1,0 +1,302 @@
+"""Ask a verb: adverbs and phase in; poses, what they reach, and how far that is from what was asked, out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from verbs.blend import methods
+from verbs.blend.corrected import Corrected
+from verbs.conventions import F64
+from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
+from verbs.goal import Goal
+from verbs.kernels import corrected_position, timing
+from verbs.kernels import measure as measures
+from verbs.kernels import pose as kernels
+from verbs.kernels import weights as weighting
+from verbs.runtime.follow import follow_window
+from verbs.verb import Verb
+
+__all__ = ["Blend", "Evaluator", "Poses"]
+
+MAX_CYCLES = 1_000.0
+"""Farthest that a looping motion may be asked for, in cycles."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blend:
+    """What adverbs come to: weights, and what these reach.
+
+    Parameters
+    ----------
+    method : str
+    weights : (B, N) float64
+        Each row sums to 1; may be negative.
+    measured : (B, m) float64
+        Measured adverbs, in the order of ``verb.measure.axes``.
+    error : (B,) float64
+        Distance between what was asked and what is reached, in the measure's unit; NaN where nothing is measured.
+    clamped : (B,) bool
+        True where the adverbs lay so far outside the domain that they were drawn back.
+    """
+
+    method: str
+    weights: F64
+    measured: F64
+    error: F64
+    clamped: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """Poses of a batch.
+
+    Parameters
+    ----------
+    blend : Blend
+    phase : (B,) float64
+        Canonical time; a loop's goes on past 1.
+    time_s, duration_s : (B,) float64
+        Seconds since the start, and seconds per motion or cycle.
+    root : (B, 3) float64
+        Root position, metres.
+    rotations : (B, J, 4) float64
+        Local rotations, unit quaternions.
+    root_velocity : (B, 3) float64 or None
+        For a striding root: sideways, forward (m/s) in the frame of its heading, turn (rad/s).
+    """
+
+    blend: Blend
+    phase: F64
+    time_s: F64
+    duration_s: F64
+    root: F64
+    rotations: F64
+    root_velocity: F64 | None
+
+
+class Evaluator:
+    """A verb made ready to be asked, by any number of threads at once.
+
+    Parameters
+    ----------
+    verb : Verb
+
+    Examples
+    --------
+    >>> from verbs import Evaluator, library
+    >>> arm = Evaluator(library.load("arm3"))
+    >>> poses = arm.pose({"x": 0.5, "y": 0.2}, phase=0.5)
+    >>> poses.rotations.shape
+    (1, 4, 4)
+    """
+
+    def __init__(self, verb: Verb) -> None:
+        self.verb = verb
+        self.goal = Goal.of_verb(verb)
+        self._names = [adverb.name for adverb in verb.adverbs]
+        self._shape = (len(verb.examples), len(verb.measure.axes))
+        self._hot: tuple[Any, ...] | None = None
+        self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
+        self.follow_window = lru_cache(maxsize=1)(self._follow_window)
+
+    def method(self, name: str | None = None) -> tuple[str, methods.Method]:
+        """A method by name, prepared once; None takes the verb's default."""
+        chosen = name or methods.default_method(self.verb)
+        return chosen, self._method(chosen)
+
+    def _follow_window(self) -> tuple[float, float] | None:
+        """Phases (from, to) at which a held pose can follow its goal; None where that cannot be."""
+        if "corrected" not in methods.usable(self.verb):
+            return None
+        method = self._method("corrected")
+        assert isinstance(method, Corrected)
+        return follow_window(method)
+
+    def adverbs(self, named: Mapping[str, float] | Sequence[Mapping[str, float]]) -> F64:
+        """Adverbs (B, D) from one or several mappings of names to numbers.
+
+        Raises
+        ------
+        UnknownName
+            A name that is no adverb of this verb.
+        RequestError
+            An adverb is missing.
+        OutOfRange
+            A value is not finite.
+        """
+        rows = [named] if isinstance(named, Mapping) else named
+        names = self._names
+        try:
+            if all(len(row) == len(names) for row in rows):
+                return self.check(np.array([[row[name] for name in names] for row in rows], np.float64))
+        except KeyError:
+            pass  # said below, by name
+        for row in rows:
+            for name in row:
+                if name not in names:
+                    raise UnknownName("adverb", name, names)
+        missing = next(name for row in rows for name in names if name not in row)
+        raise RequestError(f"missing adverb {missing}; this verb needs {', '.join(names)}")
+
+    def check(self, adverbs: F64) -> F64:
+        """Adverbs as a C-contiguous (B, D) array; :class:`OutOfRange` where one is not finite or the shape is off."""
+        adverbs = np.ascontiguousarray(adverbs, np.float64)
+        names = self._names
+        if adverbs.ndim != 2 or adverbs.shape[1] != len(names):
+            raise OutOfRange(f"adverbs must have shape (batch, {len(names)}): {', '.join(names)}")
+        fine = np.abs(adverbs) <= 1e9  # NaN compares false, so this catches it as well
+        if not fine.all():
+            row, column = np.argwhere(~fine)[0]
+            raise OutOfRange(f"adverb '{names[column]}' is {adverbs[row, column]}; it must be a finite number")
+        return adverbs
+
+    def blend(self, adverbs: F64, *, method: str | None = None) -> Blend:
+        """Weights at adverbs (B, D), and what they reach."""
+        return self._blend(self.check(adverbs), method)
+
+    def _blend(self, adverbs: F64, method: str | None) -> Blend:
+        name, chosen = self.method(method)
+        if isinstance(chosen, Corrected) and self.verb.measure.kind == measures.POSITION:
+            return self._corrected_position(chosen, adverbs)
+        inside, clamped = self.clamp(adverbs)
+        return self.measure(name, chosen.weights(inside), adverbs, clamped)
+
+    def _corrected_position(self, method: Corrected, adverbs: F64) -> Blend:
+        """The hot path: :meth:`blend` for the default of most verbs, in one compiled call."""
+        if self._hot is None:
+            self._hot = _hot_arguments(self.goal, method)
+        size, shape = len(adverbs), self._shape
+        weights, measured = np.empty((size, shape[0])), np.empty((size, shape[1]))
+        error, moved = np.empty(size), np.empty(size)
+        corrected_position.corrected_position(adverbs, weights, measured, error, moved, *self._hot)
+        return Blend("corrected", weights, measured, error, moved > 0)
+
+    def measure(self, method: str, weights: F64, adverbs: F64, clamped: npt.NDArray[np.bool_]) -> Blend:
+        """Measure what weights (B, N) reach against what adverbs (B, D) ask."""
+        if not self.goal.measurable:
+            return Blend(method, weights, np.zeros((len(weights), 0)), np.full(len(weights), np.nan), clamped)
+        measured, error = self.goal.compare(adverbs, self.goal.reached(weights))
+        return Blend(method, weights, measured, error, clamped)
+
+    def clamp(self, adverbs: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
+        """Adverbs (B, D) drawn back to the domain's surroundings, and where that moved them (B,)."""
+        domain, chart = self.verb.domain, self.verb.domain.chart
+        out, moved = np.empty_like(adverbs), np.empty(len(adverbs))
+        weighting.clamp(
+            adverbs,
+            chart.kind,
+            chart.axes,
+            chart.bend,
+            chart.shift,
+            chart.scale,
+            domain.facets,
+            domain.middle,
+            domain.sharpness,
+            out,
+            moved,
+        )
+        return out, moved > 0
+
+    def pose(
+        self,
+        adverbs: Mapping[str, float] | Sequence[Mapping[str, float]] | F64,
+        *,
+        phase: float | F64 | None = None,
+        time_s: float | F64 | None = None,
+        method: str | None = None,
+    ) -> Poses:
+        """Poses at adverbs, at a phase or a time (the start where neither is given).
+
+        Parameters
+        ----------
+        adverbs : mapping, sequence of mappings, or (B, D) array
+        phase : float or (B,) array, optional
+            0 to 1; a looping verb's may go on past 1.
+        time_s : float or (B,) array, optional
+            Seconds from the start; past the end of a motion its last pose holds.
+        method : str, optional
+
+        Raises
+        ------
+        RequestError
+            See :meth:`adverbs`; or both a phase and a time are given, or one is out of range.
+        """
+        rows = self.check(adverbs) if isinstance(adverbs, np.ndarray) else self.adverbs(adverbs)
+        return self.pose_of(self._blend(rows, method), phase=phase, time_s=time_s)
+
+    def pose_of(self, blend: Blend, *, phase: float | F64 | None = None, time_s: float | F64 | None = None) -> Poses:
+        """Poses of a blend (B rows, or one row for several phases)."""
+        if phase is not None and time_s is not None:
+            raise RequestError("give a phase or a time, not both")
+        given = time_s if time_s is not None else 0.0 if phase is None else phase
+        at = np.atleast_1d(np.asarray(given, np.float64))
+        self._check_instant(at, given_time=time_s is not None)
+        weights = blend.weights
+        if len({len(weights), len(at), 1}) > 2:
+            raise OutOfRange(f"{len(at)} instants for {len(weights)} sets of adverbs; give one each, or one for all")
+        verb, size = self.verb, max(len(weights), len(at))
+        one_walk = verb.looping and size > 1 and len(weights) == 1 and bool(np.all(np.diff(at) >= 0))
+        if len(weights) != size:
+            weights = np.ascontiguousarray(np.broadcast_to(weights, (size, weights.shape[1])))
+        if len(at) != size:
+            at = np.ascontiguousarray(np.broadcast_to(at, size))
+        phases, times, durations, rates = np.empty((4, size))
+        timing.resolve(
+            weights, self.goal.log_lengths, verb.phases, verb.looping, time_s is not None, at, phases, times,
+            durations, rates,
+        )  # fmt: skip
+        root, rotations = np.empty((size, 3)), np.empty((size, len(verb.skeleton), 4))
+        local = phases % 1.0 if verb.looping else phases
+        kernels.blend(weights, local, verb.curves, verb.rotation_mode, verb.references, root, rotations)
+        velocity = None
+        if verb.root_motion == kernels.STRIDE:
+            velocity = np.empty((size, 3))
+            timing.velocities(weights, verb.strides, phases, rates, verb.looping, velocity)
+            kernels.travel(weights, verb.strides, phases, verb.looping, one_walk, root, rotations)
+        return Poses(blend, phases, times, durations, root, rotations, velocity)
+
+    def _check_instant(self, at: F64, *, given_time: bool) -> None:
+        name, top = ("time", 3600.0) if given_time else ("phase", MAX_CYCLES if self.verb.looping else 1.0)
+        if not (at.min() >= 0.0 and at.max() <= top):  # NaN compares false, so this catches it as well
+            wrong = at[~((at >= 0.0) & (at <= top))][0]
+            raise OutOfRange(f"{name} is {wrong}; it must lie between 0 and {top:g}")
+
+    def positions(self, poses: Poses) -> tuple[F64, F64]:
+        """Global rotations (B, J, 4) and joint positions (B, J, 3) of poses."""
+        turns, places = np.empty_like(poses.rotations), np.empty((*poses.rotations.shape[:2], 3))
+        skeleton = self.verb.skeleton
+        kernels.forward(poses.root, poses.rotations, skeleton.parents, skeleton.offsets, turns, places)
+        return turns, places
+
+    def warm(self) -> None:
+        """Compile or load every kernel that a request may need, so that no request waits for one."""
+        for name in methods.usable(self.verb):
+            with suppress(VerbError):  # a method that this verb cannot have says so when it is asked for
+                self.blend(self.verb.values[:1], method=name)
+        self.follow_window()
+        poses = self.pose(self.verb.values[:1], phase=0.0)
+        self.pose_of(poses.blend, time_s=0.0)
+        self.positions(poses)
+
+
+def _hot_arguments(goal: Goal, method: Corrected) -> tuple[Any, ...]:
+    """The arguments of :func:`verbs.kernels.corrected_position.corrected_position` that do not change."""
+    verb, basis = goal.verb, method.basis
+    domain, measure = verb.domain, verb.measure
+    outer, inner = domain.chart, basis.chart
+    return (
+        *(outer.kind, outer.axes, outer.bend, outer.shift, outer.scale),
+        *(domain.facets, domain.middle, domain.sharpness),
+        *(inner.kind, inner.axes, inner.bend, inner.shift, inner.scale),
+        *(basis.kernel, basis.degree, basis.centers, basis.radii, basis.radial, basis.poly),
+        *(method.held, method.scale, method.rules, verb.rotation_mode),
+        *(goal.starts, goal.chain, goal.references, goal.offsets),
+        *(measure.axes, measure.origin, measure.frame, goal.inverse),
+    )

@@ -86,7 +86,7 @@ lock: setup  ## resolve the newest allowed versions into the lock files
 generate: setup  ## rewrite generated files: openapi.json, the dashboard's types of it, built-in verbs
 	@$(BIN)/python -m tools.authoring
 	@$(BIN)/python -m tools.authoring.build
-	@$(BIN)/python -m service.http.openapi
+	@$(BIN)/python -m tools.openapi
 	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent types)
 
 load: setup  ## ask a local server for poses and sequences for 20 s (Locust), and print what it answered

@@ -15,15 +15,20 @@ from service.http import openapi
 from service.http.middleware import BodyLimit, Observe
 from service.http.routes import health, pages, poses, quality, refinements, verbs, versions
 from service.settings import Settings
-from service.state import Serving
+from service.state import Serving, Supervise
 from service.stream import endpoint
 
 __all__ = ["create_app"]
 
 
-def create_app(settings: Settings, *, on_ready: Callable[[Catalog], None] | None = None) -> FastAPI:
-    """Make an app; ``on_ready`` is called with its verbs once it can answer for them."""
-    serving = Serving(settings, on_ready=on_ready)
+def create_app(
+    settings: Settings,
+    *,
+    on_ready: Callable[[Catalog], None] | None = None,
+    supervise: Supervise | None = None,
+) -> FastAPI:
+    """Make an app; ``on_ready`` and ``supervise`` are those of :class:`service.state.Serving`."""
+    serving = Serving(settings, on_ready=on_ready, supervise=supervise)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -59,7 +64,7 @@ def create_app(settings: Settings, *, on_ready: Callable[[Catalog], None] | None
         *(health.router, pages.router),
     )
     app.router.routes[:0] = [route for router in routers for route in router.routes]
-    app.router.routes.insert(0, endpoint.route(serving))
+    app.router.routes.insert(0, endpoint.route(serving.hub))
     errors.install(app)
     openapi.install(app)
     return app

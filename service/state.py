@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
+from typing import Any
 
 import anyio
 import numpy as np
 import structlog
-from starlette.requests import Request
 
 from service.catalog import catalog as catalogs
 from service.catalog.catalog import Catalog, Entry
@@ -18,12 +18,10 @@ from service.catalog.store_sync import Keeper
 from service.catalog.version_cache import Past
 from service.compute import Pool, aside
 from service.errors import NotReady
-from service.http.middleware import SCOPE_KEY, Trace
 from service.metrics import Metrics
 from service.refinement.queue import Refinements
 from service.refinement.scheduler import Watch
 from service.refinement.usage import MAX_NOTED, Adverbs, Demand
-from service.run.supervisor import supervise
 from service.settings import Settings
 from service.store.store import Store, StoreUnavailable
 from service.stream import packing
@@ -31,7 +29,9 @@ from service.stream.hub import Hub
 from service.upload.builder import Builder
 from verbs.runtime.evaluate import Blend
 
-__all__ = ["Serving", "served", "serving_of", "trace_of"]
+__all__ = ["Serving", "Supervise"]
+
+Supervise = Callable[[Settings], Coroutine[Any, Any, None]]
 
 LATENESS_EVERY_S = 0.25
 
@@ -49,9 +49,17 @@ class Serving:
     settings : Settings
     on_ready : callable, optional
         Called with the catalog once requests can be answered.
+    supervise : callable, optional
+        Keeps worker processes running until cancelled; started once verbs are loaded, where there is a store.
     """
 
-    def __init__(self, settings: Settings, *, on_ready: Callable[[Catalog], None] | None = None) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        on_ready: Callable[[Catalog], None] | None = None,
+        supervise: Supervise | None = None,
+    ) -> None:
         self.settings, self.metrics = settings, Metrics()
         self.pool = Pool(threads=settings.compute_threads, max_waiting=settings.max_waiting)
         self.catalog: Catalog | None = None
@@ -63,7 +71,7 @@ class Serving:
         self._waiting = "verbs are being loaded and kernels compiled"
         self.past = Past()
         self.ready = anyio.Event()
-        self._on_ready = on_ready
+        self._on_ready, self._supervise = on_ready, supervise
 
     def current(self) -> Catalog:
         """The verbs; raises :class:`NotReady` until they are loaded."""
@@ -96,7 +104,8 @@ class Serving:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self.keeper.follow(self.current, self.offer))
                 group.create_task(watch.run())
-                group.create_task(supervise(self.settings))
+                if self._supervise is not None:
+                    group.create_task(self._supervise(self.settings))
                 group.create_task(self.builder.run())
         finally:
             self.refinements.close()
@@ -170,23 +179,3 @@ class Serving:
             due = anyio.current_time() + LATENESS_EVERY_S
             await anyio.sleep_until(due)
             self.metrics.loop_was_late(max(0.0, anyio.current_time() - due))
-
-
-def serving_of(request: Request) -> Serving:
-    """What the app of a request holds."""
-    serving: Serving = request.scope["app"].state.serving
-    return serving
-
-
-def trace_of(request: Request) -> Trace:
-    """What is told about a request."""
-    trace: Trace = request.scope[SCOPE_KEY]
-    return trace
-
-
-def served(request: Request, name: str) -> tuple[Serving, Entry]:
-    """The verb that a request is about; from here on its name may be a label."""
-    serving = serving_of(request)
-    entry = serving.current().entry(name)
-    trace_of(request).verb = entry.verb.name
-    return serving, entry

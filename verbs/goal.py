@@ -16,7 +16,7 @@ from verbs.kernels import measure as kernels
 from verbs.kernels import root_velocity
 from verbs.verb import Verb
 
-__all__ = ["Goal"]
+__all__ = ["Goal", "diagonal"]
 
 _SPLINE_AT_KNOT = np.array([1.0, 4.0, 1.0]) / 6.0
 
@@ -131,3 +131,9 @@ class Goal:
         elif verb.measure.kind == kernels.VELOCITY:
             kernels.root_velocities(weights, self.walk, self.turns, verb.phases, self.log_lengths, out)
         return out
+
+
+def diagonal(verb: Verb) -> float:
+    """Diagonal of the bounding box of the examples' goals, in the unit of the error."""
+    points = Goal.of_verb(verb).points(verb.values)
+    return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))

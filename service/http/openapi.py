@@ -1,12 +1,7 @@
-"""The OpenAPI document: FastAPI's, with the bodies that handlers read by themselves.
-
-``python -m service.http.openapi``.
-"""
+"""The OpenAPI document: FastAPI's, with the bodies that handlers read by themselves."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
@@ -16,7 +11,7 @@ from pydantic.json_schema import models_json_schema
 from service.http import request_models, response_models
 from service.stream import messages
 
-__all__ = ["API_VERSION", "DESCRIPTION", "FILE", "install", "text"]
+__all__ = ["API_VERSION", "DESCRIPTION", "install"]
 
 API_VERSION = "1"
 
@@ -24,8 +19,6 @@ DESCRIPTION = (
     "Example motions in, any motion in between out, with its measured error. Right-handed, +Y up, +Z forward, +X left; "
     "metres, seconds, radians; quaternions x, y, z, w. Errors are RFC 9457 problems with a stable `code`."
 )
-
-FILE = Path(__file__).parents[2] / "docs" / "openapi.json"
 
 _READ_BY_HANDLERS = (
     request_models.PoseRequest,
@@ -75,15 +68,3 @@ def _correct(operation: dict[str, Any]) -> None:
     if "application/json" in default:
         del default["application/json"]
         default["application/problem+json"] = {"schema": {"$ref": "#/components/schemas/ProblemAnswer"}}
-
-
-def text() -> str:
-    """The document as it is committed: sorted, and the same for the same code."""
-    from service.app import create_app
-    from service.settings import Settings
-
-    return json.dumps(create_app(Settings()).openapi(), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
-
-
-if __name__ == "__main__":
-    FILE.write_text(text(), encoding="utf-8")

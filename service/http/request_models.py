@@ -10,23 +10,20 @@ from typing import Annotated, Literal, NotRequired, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator, with_config
 from typing_extensions import TypedDict
 
+from service.fields import STRICT, Name, Space
 from verbs.conventions import MAX_ADVERBS, MAX_JOINTS
 from verbs.runtime.sequence import MAX_CYCLES, MAX_FPS
 
 __all__ = [
-    "STRICT",
     "BatchItem",
     "BatchRequest",
-    "Name",
     "Options",
     "PoseRequest",
     "RefinementRequest",
     "SequenceRequest",
-    "Space",
     "TrackPoint",
 ]
 
-Name = Annotated[str, Field(min_length=1, max_length=200)]
 Adverbs = Annotated[
     dict[Name, float],
     Field(
@@ -44,9 +41,6 @@ Time = Annotated[
     float | None,
     Field(ge=0, le=3_600, description="Seconds from the start, instead of a phase; the end holds."),
 ]
-Space = Literal["local", "global"]
-
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
 
 class _Asked(BaseModel):

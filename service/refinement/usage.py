@@ -6,28 +6,22 @@ Answering only notes what was asked, a fifth of a microsecond; every few seconds
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from service.catalog.catalog import Entry
 from service.refinement.usage_counts import HALF_LIFE_S, counted, told
 from verbs.conventions import F64
-from verbs.quality.report import diagonal
+from verbs.goal import diagonal
 from verbs.verb import Verb
 
-if TYPE_CHECKING:
-    from service.stream.channel import Group
-
-__all__ = ["ERRORS_HALF_LIFE_S", "MAX_LOOKED", "MAX_NOTED", "Adverbs", "Demand", "Noted", "Observed"]
+__all__ = ["ERRORS_HALF_LIFE_S", "MAX_NOTED", "Adverbs", "Demand", "Noted", "Observed"]
 
 MAX_NOTED = 16_384
 """Adverbs that are noted between two counts, and one more batch; the rest of a rush is not counted."""
-
-MAX_LOOKED = 256
-"""Characters of a group that are noted at a time; of more, others each time."""
 
 ERRORS_HALF_LIFE_S = 600.0
 
@@ -84,7 +78,7 @@ class Demand:
     """
 
     def __init__(self, most: int = MAX_NOTED) -> None:
-        self._most, self._rows, self._looks = most, 0, 0
+        self._most, self._rows = most, 0
         self._noted: list[Noted] = []
         self.observed: dict[str, Observed] = {}
 
@@ -93,17 +87,6 @@ class Demand:
         if self._rows < self._most:
             self._rows += rows
             self._noted.append((entry, adverbs, errors))
-
-    def look_at(self, groups: Iterable[Group]) -> None:
-        """Note what the characters of streams, or some of many, are asked for now, and how far they are from it."""
-        self._looks += 1
-        for group in groups:
-            taken = group.characters.taken()
-            if len(taken):
-                step = -(-len(taken) // MAX_LOOKED)
-                taken = taken[self._looks % step :: step]
-                people = group.characters
-                self.ask(group.entry, people.asked[taken], people.errors(taken), rows=len(taken))
 
     def take(self) -> list[Noted]:
         """What was noted since the last time."""

@@ -16,6 +16,7 @@ from service.app import create_app
 from service.catalog.catalog import Catalog
 from service.run import logs
 from service.run.listener import CannotServe, Patience, check, greeting, listen
+from service.run.supervisor import supervise
 from service.settings import Settings
 from service.stream.hub import Hub
 from service.stream.transport import Sockets
@@ -72,7 +73,7 @@ def run(settings: Settings, listener: socket.socket, *, on_ready: Callable[[Cata
         gc.freeze()
         on_ready(catalog)
 
-    app = create_app(settings, on_ready=ready)
+    app = create_app(settings, on_ready=ready, supervise=supervise)
     # uvicorn stops on these signals and then raises them once more for whoever handled them before: nobody.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)

@@ -30,7 +30,7 @@ def notices(database: Database) -> AsyncGenerator[None, None]:
     """
     if database.sqlite:
         return _poll(database)
-    from service.store.postgres import listen
+    from service.store.postgres_notices import listen
 
     return listen(database, REREAD_S)
 

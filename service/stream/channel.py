@@ -1,77 +1,18 @@
-"""Channels and groups: a channel is one client's view of a character; a group is a verb with its characters."""
+"""How a channel is described to its client, and how its records are laid out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from service.catalog.catalog import Entry
 from service.stream.messages import Open
 from service.stream.packing import Layout, offsets_in
-from verbs.runtime.characters import Characters
+from service.stream.session import Channel
 
-if TYPE_CHECKING:
-    from service.stream.session import Session
-
-__all__ = ["Channel", "Group", "layout_of", "opened"]
-
-NEW_VERSION = 4
-
-
-class Group:
-    """The characters of one version of a verb, blended by one method.
-
-    Parameters
-    ----------
-    entry : Entry
-    method : str
-    """
-
-    def __init__(self, entry: Entry, method: str) -> None:
-        self.entry = entry
-        self.characters = Characters(entry.evaluator, method)
-
-    @property
-    def key(self) -> tuple[str, int, str]:
-        """Verb, version and method."""
-        return self.entry.verb.name, self.entry.version, self.characters.method
-
-
-@dataclass(slots=True, eq=False)
-class Channel:
-    """One character as one client sees it.
-
-    Parameters
-    ----------
-    number : int
-        The client's own.
-    session : Session
-    group : Group
-    slot : int
-        Its character in the group.
-    fps : int
-    layout : Layout
-    asked : Open
-        How it was opened: what `switch` keeps.
-    flags : int
-        Bits that its next record carries beside those of its frame.
-    """
-
-    number: int
-    session: Session = field(repr=False)
-    group: Group = field(repr=False)
-    slot: int
-    fps: int
-    layout: Layout
-    asked: Open
-    flags: int = 0
-
-    def head(self) -> int:
-        """First word of its record, without encoding and what the frame tells."""
-        return self.number | self.flags << 24
+__all__ = ["layout_of", "opened"]
 
 
 def layout_of(entry: Entry, asked: Open) -> Layout:

@@ -17,10 +17,10 @@ from starlette.types import Receive, Scope, Send
 
 from service import errors
 from service.errors import BadMessage, ServiceError
-from service.state import Serving
+from service.stream.connection import TOO_SLOW, Connection
 from service.stream.hub import Hub
 from service.stream.messages import CLIENT, Close, Open, Ping, Resume, Set, Switch
-from service.stream.session import TOO_SLOW, Connection, Session
+from service.stream.session import Session
 from service.stream.transport import SOCKET, Sockets
 from verbs.errors import VerbError
 
@@ -40,18 +40,18 @@ _LEFT = {1000, 1001}
 """Codes with which a client says that it does not come back. 1005 is no such: a lost connection has it too."""
 
 
-def route(serving: Serving) -> WebSocketRoute:
+def route(hub: Hub) -> WebSocketRoute:
     """The route; its endpoint speaks ASGI, since every layer in between would be paid per frame."""
-    return WebSocketRoute("/v1/stream", _Endpoint(serving), name="stream")
+    return WebSocketRoute("/v1/stream", _Endpoint(hub), name="stream")
 
 
 class _Endpoint:
-    def __init__(self, serving: Serving) -> None:
-        self._serving = serving
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection."""
-        hub = self._serving.hub
+        hub = self._hub
         await receive()  # websocket.connect
         offered = scope.get("subprotocols", [])
         accept: dict[str, Any] = {"type": "websocket.accept"}

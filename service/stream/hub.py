@@ -1,7 +1,7 @@
 """All streams of one server process: sessions, groups of characters, and the tick loop.
 
-One loop ticks for everybody, on an absolute schedule. Sessions are spread over beats, which share the length of a
-frame between them, so that a tick is short and nobody waits for all the others.
+One loop runs all ticks, on an absolute schedule. Sessions are spread over several tickers, whose ticks are spread
+evenly over a frame, so that each tick is short.
 """
 
 from __future__ import annotations
@@ -17,21 +17,25 @@ from service.errors import ChannelInUse, TooManyChannels, UnknownChannel, Unknow
 from service.metrics import Metrics
 from service.refinement.usage import Demand
 from service.settings import Settings
-from service.stream.channel import NEW_VERSION, Channel, Group, layout_of, opened
+from service.stream.channel import layout_of, opened
+from service.stream.connection import Connection
+from service.stream.group import Group
 from service.stream.messages import Open, Set, Switch
-from service.stream.session import Connection, Session
-from service.stream.ticker import Beat
+from service.stream.sampling import CharacterSampler
+from service.stream.session import Channel, Session
+from service.stream.ticker import Ticker
+from service.wire import NEW_VERSION
 from verbs.errors import VerbError
 from verbs.runtime.characters import VERSION_S
 
 __all__ = ["Hub"]
 
-BEATS = 8
-"""A beat comes about two milliseconds after the one before."""
+TICKERS = 8
+"""Tickers whose ticks are spread evenly over a frame of 60 fps, about two milliseconds apart."""
 
-BEAT_S = 1.0 / 60.0 / BEATS
+TICKER_OFFSET_S = 1.0 / 60.0 / TICKERS
 CROWDED = 64
-"""Characters in a beat from which on another beat is opened."""
+"""Characters of a ticker from which on new sessions go to another one."""
 
 EARLY_S = 0.0003
 """Timers come whole milliseconds apart; a tick may come so much too early."""
@@ -56,7 +60,8 @@ class Hub:
     """
 
     def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog], demand: Demand) -> None:
-        self.settings, self.metrics, self._catalog, self._demand = settings, metrics, catalog, demand
+        self.settings, self.metrics, self._catalog = settings, metrics, catalog
+        self._sampler = CharacterSampler(demand)
         self.sessions: dict[str, Session] = {}
         self.draining = False
         self._groups: dict[tuple[str, int, str], Group] = {}
@@ -64,7 +69,8 @@ class Hub:
         self._offered: Catalog | None = None
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         now = time.monotonic()
-        self._beats = [Beat(now + BEAT_S * _spread(k), metrics) for k in range(BEATS)]
+        self._tickers = [Ticker(now + TICKER_OFFSET_S * _spread(k), metrics) for k in range(TICKERS)]
+        self._ticker_of: dict[Session, Ticker] = {}
 
     # ── clock ────────────────────────────────────────────────────────────────────────────────────────────────────
 
@@ -87,17 +93,17 @@ class Hub:
             if busy:
                 await asyncio.sleep(0)
                 continue
-            dues = [due for beat in self._beats if (due := beat.due_s()) is not None]
+            dues = [due for ticker in self._tickers if (due := ticker.due_s()) is not None]
             await self._sleep(min([sweep_at, *dues]) - now)
 
     async def _tick(self) -> bool:
-        """Tick every beat that is due; whether one was."""
+        """Run every tick that is due; return whether one was."""
         ready = False
-        for beat in self._beats:
-            due, now = beat.due_s(), time.monotonic()
+        for ticker in self._tickers:
+            due, now = ticker.due_s(), time.monotonic()
             if due is not None and due - EARLY_S <= now:
                 ready = True
-                await beat.tick(max(now, due), self._epoch_ns)
+                await ticker.tick(max(now, due), self._epoch_ns)
         return ready
 
     async def _sleep(self, seconds: float) -> None:
@@ -119,13 +125,14 @@ class Hub:
     @property
     def characters(self) -> int:
         """Characters of all sessions."""
-        return sum(len(beat) for beat in self._beats)
+        return sum(len(ticker) for ticker in self._tickers)
 
     def join(self, connection: Connection) -> Session:
         """A new session for a connection."""
-        session = Session(self._roomiest(), slow_s=self.settings.stream_slow_s)
+        session = Session(slow_s=self.settings.stream_slow_s)
         session.attach(connection)
-        session.beat.guests += 1
+        ticker = self._ticker_of[session] = self._roomiest()
+        ticker.sessions += 1
         self.sessions[session.id] = session
         return session
 
@@ -137,9 +144,11 @@ class Hub:
         connection = session.connection
         assert connection is not None  # it is the one that asks
         await self.forget(session)
-        async with found.beat.lock:
+        ticker = self._ticker_of[found]
+        async with ticker.lock:
             found.lost(last_seq)
             found.attach(connection)
+            ticker.changed()
             for channel in found.channels.values():
                 found.say(opened(channel, resumed=True))
         return found
@@ -149,19 +158,24 @@ class Hub:
         session = next((one for one in self.sessions.values() if one.connection is connection), None)
         if session is None:
             return  # another connection has it
-        async with session.beat.lock:
+        ticker = self._ticker_of[session]
+        async with ticker.lock:
             session.detach(time.monotonic())
+            ticker.changed()
         if for_good or not session.channels or self.draining:
             await self.forget(session)
 
     async def forget(self, session: Session) -> None:
         """End a session and its characters."""
-        if self.sessions.pop(session.id, None) is not None:
-            session.beat.guests -= 1
-        async with session.beat.lock:
+        if self.sessions.pop(session.id, None) is None:
+            return
+        ticker = self._ticker_of[session]
+        ticker.sessions -= 1
+        async with ticker.lock:
             session.connection = None
             for number in list(session.channels):
                 self._close(session, number)
+        del self._ticker_of[session]
 
     def drain(self) -> None:
         """Tell every client that the server is about to stop."""
@@ -183,7 +197,7 @@ class Hub:
             raise TooManyChannels(f"the server may have {self.settings.stream_characters} channels, and has them")
         entry = self._catalog().entry(asked.verb)
         layout, group = layout_of(entry, asked), self._group(entry, asked.method)
-        async with session.beat.lock:
+        async with self._ticker_of[session].lock:
             slot = group.characters.add(
                 asked.adverbs,
                 phase=asked.phase,
@@ -195,14 +209,14 @@ class Hub:
             )
             channel = Channel(asked.channel, session, group, slot, asked.fps, layout, asked)
             session.channels[asked.channel] = channel
-            session.beat.add(channel, time.monotonic())
+            self._ticker_of[session].add(channel, time.monotonic())
             session.say(opened(channel))
         self._wake.set()
 
     async def set(self, session: Session, asked: Set) -> None:
         """Change a character."""
         channel = self._channel(session, asked.channel)
-        async with session.beat.lock:
+        async with self._ticker_of[session].lock:
             characters, slot = channel.group.characters, channel.slot
             row = None
             if asked.adverbs is not None:
@@ -221,9 +235,9 @@ class Hub:
             if row is not None:
                 characters.aim(slot, row)
             if asked.fps is not None and asked.fps != channel.fps:
-                session.beat.drop(channel)
+                self._ticker_of[session].drop(channel)
                 channel.fps = asked.fps
-                session.beat.add(channel, time.monotonic())
+                self._ticker_of[session].add(channel, time.monotonic())
         self._wake.set()
 
     def aim(self, session: Session, number: int, row: Sequence[float]) -> None:
@@ -239,7 +253,7 @@ class Hub:
         self._channel(session, asked.channel)
         entry = self._catalog().entry(asked.verb)
         group = self._group(entry, asked.method)
-        async with session.beat.lock:
+        async with self._ticker_of[session].lock:
             channel = self._channel(session, asked.channel)
             layout = layout_of(entry, channel.asked)
             slot = group.characters.go_on(
@@ -254,7 +268,7 @@ class Hub:
     async def close(self, session: Session, number: int) -> None:
         """End a character."""
         self._channel(session, number)
-        async with session.beat.lock:
+        async with self._ticker_of[session].lock:
             self._close(session, number)
 
     # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
@@ -265,9 +279,9 @@ class Hub:
         self._wake.set()
 
     async def _renew_all(self, catalog: Catalog) -> None:
-        for beat in self._beats:
-            async with beat.lock:
-                for some in list(beat.channels.values()):
+        for ticker in self._tickers:
+            async with ticker.lock:
+                for some in list(ticker.channels.values()):
                     for channel in some:
                         self._renew(channel, catalog)
         used = {channel.group.key for session in self.sessions.values() for channel in session.channels.values()}
@@ -310,11 +324,11 @@ class Hub:
     def _move(self, channel: Channel, group: Group, slot: int) -> None:
         channel.group.characters.remove(channel.slot)
         channel.group, channel.slot = group, slot
-        channel.session.beat.changed()
+        self._ticker_of[channel.session].changed()
 
     def _close(self, session: Session, number: int) -> None:
         channel = session.channels.pop(number)
-        session.beat.drop(channel)
+        self._ticker_of[session].drop(channel)
         channel.group.characters.remove(channel.slot)
 
     def _channel(self, session: Session, number: int) -> Channel:
@@ -332,12 +346,12 @@ class Hub:
             found = self._groups[whole] = Group(entry, name)
         return found
 
-    def _roomiest(self) -> Beat:
-        """The first beat that is not crowded, or else the one with the fewest characters."""
-        for beat in self._beats:
-            if beat.load < CROWDED:
-                return beat
-        return min(self._beats, key=lambda beat: beat.load)
+    def _roomiest(self) -> Ticker:
+        """The first ticker that is not crowded, or else the one with the fewest characters."""
+        for ticker in self._tickers:
+            if ticker.load < CROWDED:
+                return ticker
+        return min(self._tickers, key=lambda ticker: ticker.load)
 
     async def _sweep(self, now_s: float) -> None:
         """Forget sessions whose grace time is over."""
@@ -345,7 +359,7 @@ class Hub:
         for session in [one for one in self.sessions.values() if one.lost_at is not None and one.lost_at < over]:
             await self.forget(session)
         self.metrics.streaming(sum(one.connected for one in self.sessions.values()), self.characters)
-        self._demand.look_at(self._groups.values())
+        self._sampler.sample(self._groups.values())
 
 
 def _names(entry: Entry) -> list[str]:
@@ -353,5 +367,5 @@ def _names(entry: Entry) -> list[str]:
 
 
 def _spread(k: int) -> int:
-    """Number k with its bits in reverse: the first few beats lie far apart."""
+    """Reverse the bits of k, so that the ticks of the first few tickers lie far apart."""
     return int(f"{k:03b}"[::-1], 2)

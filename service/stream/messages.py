@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from service.http.request_models import STRICT, Name, Space
+from service.fields import STRICT, Name, Space
 from verbs.conventions import MAX_ADVERBS, MAX_JOINTS
 from verbs.runtime.characters import HALF_LIFE_S, MAX_SPEED, MAX_TRANSITION_S, RESTART_S
 

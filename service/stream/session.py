@@ -1,113 +1,23 @@
-"""A client's session: its channels, its connection while it has one, and what waits to be sent.
-
-Poses never wait: what cannot be sent now is dropped and counted. Text messages wait, in order, up to a bound.
-"""
+"""A client's session: its channels, its connection while it has one, and the count of what was sent and dropped."""
 
 from __future__ import annotations
 
 import secrets
-from collections import deque
-from collections.abc import Coroutine, MutableMapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import Any
 
-import anyio
-import orjson
-from starlette.types import Send
+from service.stream.connection import TOO_SLOW, Connection, text
+from service.stream.group import Group
+from service.stream.messages import Open
+from service.stream.packing import HEADER, OP_POSES, WIRE, Layout
 
-from service.stream.packing import HEADER, OP_POSES, WIRE
-from service.stream.transport import Sockets
+__all__ = ["MAX_WAITING", "TAKEN_OVER", "Channel", "Session"]
 
-if TYPE_CHECKING:
-    from service.stream.channel import Channel
-    from service.stream.ticker import Beat
-
-__all__ = ["MAX_WAITING", "TAKEN_OVER", "TOO_SLOW", "Connection", "Session", "text"]
-
-TOO_SLOW, TAKEN_OVER = 4008, 4009
+TAKEN_OVER = 4009
+"""Close code of a connection whose session another connection resumed."""
 
 MAX_WAITING = 256
 """Text messages that wait for a slow client, and one more for each channel; with another one it is cut off."""
-
-
-def text(message: dict[str, Any]) -> str:
-    """A text message as it is sent."""
-    return orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY).decode()
-
-
-def _now(sending: Coroutine[Any, Any, None]) -> bool:
-    """Run a ``send`` that may take effect at once or not at all; whether it did.
-
-    The server's ``send`` waits for room before it writes anything. So it is taken one step: it ends there, having
-    written everything, or it waits, having written nothing, and is dropped. A test holds uvicorn to that.
-    """
-    try:
-        sending.send(None)
-    except StopIteration:
-        return True
-    sending.close()
-    return False
-
-
-class Connection:
-    """A WebSocket, seen from the side that sends.
-
-    Parameters
-    ----------
-    send : callable
-        ASGI's.
-    scope : anyio.CancelScope
-        Cancelled to end the connection; ``ending`` says with which code and why.
-    socket : Sockets, optional
-        A shorter way for poses.
-    """
-
-    def __init__(self, send: Send, scope: anyio.CancelScope, socket: Sockets | None = None) -> None:
-        self._send, self._scope, self._socket, self.gone = send, scope, socket, False
-        self.ending: tuple[int, str] | None = None
-        self.waiting: deque[str] = deque()
-
-    def end(self, code: int, reason: str) -> None:
-        """End it; the endpoint that runs it sends the close frame."""
-        if self.ending is None:
-            self.ending = code, reason
-            self._scope.cancel()
-
-    def say(self, message: str, room: int) -> None:
-        """Send a text message now, or after those that wait, which may be so many."""
-        if len(self.waiting) >= room:
-            self.end(TOO_SLOW, f"{room} messages wait to be read")
-            return
-        self.waiting.append(message)
-        self.flush()
-
-    def flush(self) -> bool:
-        """Send what waits; whether nothing is left."""
-        while self.waiting:
-            if not self._try({"type": "websocket.send", "text": self.waiting[0]}):
-                return False
-            self.waiting.popleft()
-        return True
-
-    def post(self, message: bytes) -> bool:
-        """Send a binary message now or not at all; whether it was sent."""
-        if self.ending is not None or (self.waiting and not self.flush()):
-            return False
-        if self._socket is None:
-            return self._try({"type": "websocket.send", "bytes": message})
-        try:
-            return self._socket.post(message)
-        except ConnectionError:  # its endpoint will notice
-            self.gone = True
-            return False
-
-    def _try(self, message: MutableMapping[str, Any]) -> bool:
-        if self.ending is not None:
-            return False
-        try:
-            return _now(self._send(message))  # type: ignore[arg-type]
-        except Exception:  # in one of several ways; its endpoint will notice
-            self.gone = True
-            return False
 
 
 class Session:
@@ -115,13 +25,12 @@ class Session:
 
     Parameters
     ----------
-    beat : Beat
     slow_s : float
         How long a client may read nothing.
     """
 
-    def __init__(self, beat: Beat, *, slow_s: float) -> None:
-        self.id, self.beat, self._slow_s = secrets.token_urlsafe(16), beat, slow_s
+    def __init__(self, *, slow_s: float) -> None:
+        self.id, self._slow_s = secrets.token_urlsafe(16), slow_s
         self.channels: dict[int, Channel] = {}
         self.connection: Connection | None = None
         self.lost_at: float | None = None
@@ -138,12 +47,10 @@ class Session:
         if self.connection is not None:
             self.connection.end(TAKEN_OVER, "another connection resumed this session")
         self.connection, self.lost_at, self._stuck_since_ns = connection, None, None
-        self.beat.changed()
 
     def detach(self, now_s: float) -> None:
         """Go on without a connection."""
         self.connection, self.lost_at = None, now_s
-        self.beat.changed()
 
     def say(self, message: dict[str, Any]) -> None:
         """Send a text message, now or as soon as the client reads."""
@@ -171,3 +78,37 @@ class Session:
     def lost(self, last_seq: int) -> None:
         """Count what was sent over a lost connection and never arrived."""
         self.dropped += max(0, self.sequence - last_seq)
+
+
+@dataclass(slots=True, eq=False)
+class Channel:
+    """One character as one client sees it.
+
+    Parameters
+    ----------
+    number : int
+        The client's own.
+    session : Session
+    group : Group
+    slot : int
+        Its character in the group.
+    fps : int
+    layout : Layout
+    asked : Open
+        How it was opened: what `switch` keeps.
+    flags : int
+        Bits that its next record carries beside those of its frame.
+    """
+
+    number: int
+    session: Session = field(repr=False)
+    group: Group = field(repr=False)
+    slot: int
+    fps: int
+    layout: Layout
+    asked: Open
+    flags: int = 0
+
+    def head(self) -> int:
+        """First word of its record, without encoding and what the frame tells."""
+        return self.number | self.flags << 24

@@ -1,6 +1,6 @@
-"""One beat of the tick loop: the channels of some sessions, stepped together, one message per session.
+"""A ticker: the channels of some sessions, stepped together, one message per session.
 
-A beat's plan holds everything that stays the same from tick to tick as arrays, so that a tick of a thousand
+A ticker's plan holds everything that stays the same from tick to tick as arrays, so that a tick of a thousand
 characters is a few compiled calls and one ``send`` per session. It is made anew when a channel comes, goes or changes.
 """
 
@@ -14,15 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from service.metrics import Metrics
-from service.stream.channel import NEW_VERSION, Channel, Group
+from service.stream.group import Group
 from service.stream.packing import HEADER_WORDS, U32, Targets, pack
-from service.stream.session import Session
+from service.stream.session import Channel, Session
+from service.wire import NEW_VERSION
 from verbs.conventions import F64, I64
 from verbs.kernels import character_state
 from verbs.kernels import pose as kernels
 from verbs.runtime.characters import Frames
 
-__all__ = ["Beat"]
+__all__ = ["Ticker"]
 
 PART_ROWS = 48
 """Characters that are stepped in one go where they move; more would hold up everybody for over a millisecond."""
@@ -75,18 +76,18 @@ class _Plan:
     words: U32
 
 
-class Beat:
+class Ticker:
     """Channels that tick together.
 
     Parameters
     ----------
     origin_s : float
-        Where the beat's ticks count from, on the event loop's clock.
+        Where its ticks count from, on the event loop's clock.
     metrics : Metrics
     """
 
     def __init__(self, origin_s: float, metrics: Metrics) -> None:
-        self.origin_s, self.lock, self.guests = origin_s, asyncio.Lock(), 0
+        self.origin_s, self.lock, self.sessions = origin_s, asyncio.Lock(), 0
         self.channels: dict[int, set[Channel]] = {}
         self._ticks: dict[int, int] = {}
         self._plans: dict[frozenset[int], _Plan] = {}
@@ -98,7 +99,7 @@ class Beat:
     @property
     def load(self) -> int:
         """Characters, or sessions where these have none yet."""
-        return max(len(self), self.guests)
+        return max(len(self), self.sessions)
 
     def add(self, channel: Channel, now_s: float) -> None:
         """Take a channel in; its first tick is the next one of its fps."""

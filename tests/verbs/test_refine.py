@@ -12,11 +12,10 @@ from verbs.blend.cardinal import basis_weights
 from verbs.blend.refined import Hybrid, Refined
 from verbs.domain import accuracy_points, random_points
 from verbs.errors import OutOfRange, RequestError, UnknownName
-from verbs.goal import Goal
+from verbs.goal import Goal, diagonal
 from verbs.io import artifact
 from verbs.kernels import center_lists
 from verbs.kernels import measure as measures
-from verbs.quality.report import diagonal
 from verbs.refine import Mark, Rules, Step, refine, resume, with_basis
 from verbs.verb import Basis, Verb
 

@@ -20,12 +20,11 @@ from verbs.blend.methods import default_method
 from verbs.conventions import F64, I64
 from verbs.domain import describe, random_points
 from verbs.errors import IllPosedVerb, MotionFileError, SkeletonMismatch, SourceError, UnknownName
-from verbs.goal import Goal
+from verbs.goal import Goal, diagonal
 from verbs.io import bvh
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
 from verbs.motion import Motion
-from verbs.quality.report import diagonal
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Adverb, Chart, Measure, Verb
 

@@ -15,8 +15,7 @@ from verbs.blend.search import Search
 from verbs.conventions import F64
 from verbs.domain import accuracy_points, describe, random_points
 from verbs.figures.study import Progress
-from verbs.goal import Goal
-from verbs.quality.report import diagonal
+from verbs.goal import Goal, diagonal
 from verbs.verb import Basis, Verb
 
 __all__ = ["CHECK", "Refinement", "errors", "hybrid_errors", "refinement", "weights_of"]

@@ -16,7 +16,8 @@ from verbs.blend.methods import METHODS, usable
 from verbs.conventions import F64
 from verbs.domain import Points, Slice, accuracy_points, describe, plane, random_points
 from verbs.figures.canvas import SHOWN
-from verbs.quality.report import Figures, diagonal, measure
+from verbs.goal import diagonal
+from verbs.quality.report import Figures, measure
 from verbs.quality.smoothness import curvature
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb

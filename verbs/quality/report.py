@@ -12,12 +12,13 @@ from verbs.authoring import basis
 from verbs.blend import methods
 from verbs.conventions import F64
 from verbs.domain import Points, accuracy_points, random_points
+from verbs.goal import diagonal
 from verbs.quality import foot_contact
 from verbs.quality.smoothness import smoothness, zoom_ratios
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb
 
-__all__ = ["Figures", "diagonal", "measure", "recommend"]
+__all__ = ["Figures", "measure", "recommend"]
 
 OUTSIDE_SEED = 2
 
@@ -59,12 +60,6 @@ class Figures:
         return {
             key: None if isinstance(value, float) and isnan(value) else value for key, value in asdict(self).items()
         }
-
-
-def diagonal(verb: Verb) -> float:
-    """Diagonal of the examples' bounding box in the space of goals, in the measure's unit."""
-    points = Evaluator(verb).goal.points(verb.values)
-    return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
 
 
 def measure(

@@ -8,10 +8,10 @@ import orjson
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
+from service.http.context import serving_of
 from service.http.documented import problems
 from service.http.negotiation import JSON
 from service.http.response_models import Live, Ready
-from service.state import serving_of
 
 __all__ = ["router"]
 

@@ -9,7 +9,7 @@ from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from service.http import reference
-from service.state import serving_of
+from service.http.context import serving_of
 
 __all__ = ["router"]
 

@@ -8,13 +8,14 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from service import wire
+from service.fields import Name, Space
 from service.http import evaluation, response_json
+from service.http.context import served, trace_of
 from service.http.direct import Direct
 from service.http.documented import ASKING, VerbName, body, forms, problems
 from service.http.negotiation import BVH, JSON, OCTETS, accepted, media_type, read, read_model, sliced
-from service.http.request_models import BatchRequest, Name, PoseRequest, SequenceRequest, Space
+from service.http.request_models import BatchRequest, PoseRequest, SequenceRequest
 from service.http.response_models import PoseAnswer, PosesAnswer, SequenceAnswer
-from service.state import served, trace_of
 from verbs.errors import RequestError
 from verbs.io import bvh
 from verbs.runtime import sequence as sequences

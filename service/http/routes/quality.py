@@ -10,11 +10,11 @@ import orjson
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
+from service.fields import Name
+from service.http.context import served, trace_of
 from service.http.documented import LOOKING, VerbName, problems
 from service.http.negotiation import JSON
-from service.http.request_models import Name
 from service.http.response_models import QualityAnswer
-from service.state import served, trace_of
 from verbs.conventions import F64
 from verbs.errors import RequestError
 from verbs.quality import quality_map

@@ -13,6 +13,7 @@ from starlette.responses import Response, StreamingResponse
 
 from service.compute import aside
 from service.errors import AlreadyRefining, ReadOnly
+from service.http.context import serving_of
 from service.http.documented import VerbName, body, problems
 from service.http.negotiation import JSON, read_model
 from service.http.request_models import RefinementRequest
@@ -20,7 +21,7 @@ from service.http.response_models import RefinementAnswer, RefinementList
 from service.refinement.errors import AlreadyRunning
 from service.refinement.job_spec import Asked
 from service.refinement.queue import Refinements
-from service.state import Serving, serving_of
+from service.state import Serving
 from service.store.store import Job
 
 __all__ = ["router"]

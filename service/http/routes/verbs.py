@@ -6,10 +6,10 @@ import orjson
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
+from service.http.context import served, serving_of
 from service.http.documented import LOOKING, VerbName, problems
 from service.http.negotiation import JSON, header
 from service.http.response_models import VerbAnswer, VerbList
-from service.state import served, serving_of
 from verbs.runtime import describe
 
 __all__ = ["router"]

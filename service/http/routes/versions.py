@@ -17,10 +17,11 @@ from starlette.responses import Response
 from service.catalog.store_sync import Keeper
 from service.compute import aside
 from service.errors import ReadOnly
+from service.http.context import serving_of
 from service.http.documented import VerbName, forms, problems
 from service.http.negotiation import JSON, OCTETS, header, media_type
 from service.http.response_models import UploadAnswer, VersionAnswer, VersionsAnswer
-from service.state import Serving, serving_of
+from service.state import Serving
 from service.store.store import Version
 from verbs.errors import RequestError
 

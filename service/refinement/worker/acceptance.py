@@ -11,7 +11,7 @@ import numpy as np
 from service.refinement.usage_counts import drawn
 from verbs.conventions import F64
 from verbs.domain import random_points
-from verbs.quality.report import diagonal
+from verbs.goal import diagonal
 from verbs.quality.smoothness import smoothness
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb

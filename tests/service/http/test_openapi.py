@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from schemathesis.config import SchemathesisConfig
 
 from service.errors import PROBLEMS
-from service.http import openapi
 from tests.service.conftest import app_of
+from tools import openapi
 
 _CONFIG = SchemathesisConfig.from_dict(
     {

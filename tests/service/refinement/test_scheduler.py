@@ -16,7 +16,7 @@ from service.refinement.usage import Demand
 from service.store.records import Job, StoreUnavailable
 from service.store.store import ORPHAN_S, Store
 from verbs import library
-from verbs.quality.report import diagonal
+from verbs.goal import diagonal
 
 NOW_S = 2e9
 DAY_S = 86_400.0

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from service.catalog.catalog import Entry
-from service.refinement.usage import ERRORS_HALF_LIFE_S, FORGET_S, MAX_LOOKED, Demand
+from service.refinement.usage import ERRORS_HALF_LIFE_S, FORGET_S, Demand
 from service.refinement.usage_counts import CELLS, HALF_LIFE_S, cells_of, together
-from service.stream.channel import Group
+from service.stream.group import Group
+from service.stream.sampling import MAX_SAMPLES, CharacterSampler
 from tests.service.conftest import app_of, client_of
 from verbs.domain import random_points
-from verbs.quality.report import diagonal
+from verbs.goal import diagonal
 
 NAMES = ("x", "y")
 
@@ -124,7 +125,7 @@ def test_characters_of_streams_are_looked_at(arm):
     slots = [group.characters.add(row) for row in some(arm, 20)]
     for slot in slots[:5]:
         group.characters.remove(slot)
-    demand.look_at([group, Group(arm, "rbf")])
+    CharacterSampler(demand).sample([group, Group(arm, "rbf")])
     seen = counted(demand)["arm3"]
     assert (total(seen), seen.answers) == (15, 0)  # nobody has seen any of them yet
     assert seen.told()["cells"] == cells_of(arm.verb, some(arm, 20)[5:])["cells"]
@@ -136,7 +137,7 @@ def test_how_far_off_characters_are_counts_but_for_those_asked_outside(arm):
     for row in (*inside, [50.0, 50.0]):
         group.characters.add(np.asarray(row))
     group.characters.step(group.characters.taken(), 0.02)
-    demand.look_at([group])
+    CharacterSampler(demand).sample([group])
     seen = counted(demand)["arm3"]
     assert (total(seen), seen.answers) == (9, 8)
     off = arm.evaluator.blend(inside, method="rbf").error
@@ -157,15 +158,16 @@ async def test_of_requests_those_inside_the_domain_have_errors_that_count(catalo
 
 def test_of_a_crowd_some_are_noted_at_a_time_and_all_in_turn(arm):
     demand, group = Demand(), Group(arm, "corrected")
-    for k in range(3 * MAX_LOOKED):
+    sampler = CharacterSampler(demand)
+    for k in range(3 * MAX_SAMPLES):
         group.characters.add(np.array([0.3 + 1e-4 * k, 0.2]))
     seen = set()
     for _ in range(3):
-        demand.look_at([group])
+        sampler.sample([group])
         ((_, rows, _),) = demand.take()
-        assert len(rows) == MAX_LOOKED
+        assert len(rows) == MAX_SAMPLES
         seen |= set(rows[:, 0])
-    assert len(seen) == 3 * MAX_LOOKED
+    assert len(seen) == 3 * MAX_SAMPLES
 
 
 def test_what_a_server_said_long_ago_weighs_less():

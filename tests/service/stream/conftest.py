@@ -16,6 +16,7 @@ from websockets.asyncio.client import connect
 from service.app import create_app
 from service.run.server import Server as Uvicorn
 from service.run.server import config_of
+from service.run.supervisor import supervise
 from service.settings import Settings
 from service.stream import packing
 
@@ -29,7 +30,7 @@ class Server:
 
     def __init__(self, catalog, **settings):
         self.settings = Settings(**settings)
-        self.app = create_app(self.settings)
+        self.app = create_app(self.settings, supervise=supervise)
         self.serving = self.app.state.serving
 
         async def loaded():

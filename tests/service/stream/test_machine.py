@@ -155,8 +155,8 @@ class Streams(RuleBasedStateMachine):
     @rule(seconds=st.sampled_from([0.0, 0.02, 1.0, 100.0]))
     def time_passes(self, seconds):
         hub = self.serving.hub
-        for beat in hub._beats:
-            beat.origin_s -= seconds
+        for ticker in hub._tickers:
+            ticker.origin_s -= seconds
         self.loop.run_until_complete(hub._tick())
 
     @rule(code=st.sampled_from([1006, 1011]))
@@ -186,7 +186,7 @@ class Streams(RuleBasedStateMachine):
         hub = self.serving.hub
         assert not hub.sessions
         assert hub.characters == 0
-        assert all(beat.guests == 0 for beat in hub._beats)
+        assert all(ticker.sessions == 0 for ticker in hub._tickers)
         self.loop.close()
 
 

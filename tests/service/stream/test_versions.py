@@ -80,7 +80,7 @@ async def test_a_crowd_is_told_of_a_new_version_once_however_many_are_stepped_at
             for number in range(count):
                 await client.open(number, "arm3", fps=30)
             await client.poses(4)
-            (part,) = (part for beat in server.hub._beats for plan in beat._plans.values() for part in plan.parts)
+            (part,) = (part for ticker in server.hub._tickers for plan in ticker._plans.values() for part in plan.parts)
             assert len(part.slots) == count
             newer = with_version(catalog, "arm3", 2, bases=other_basis(catalog.entries["arm3"].verb))
             server.call(server.serving.offer, newer)

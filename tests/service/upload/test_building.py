@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from service.errors import BadUpload
-from service.upload import archive
+from service.upload.archive import unpack
 from service.upload.builder import Builder
 from tests.verbs.sources import arm_source
 from verbs import library
@@ -110,7 +110,7 @@ def test_a_bomb_is_not_unpacked(tmp_path):
     (tmp_path / "bomb.zip").write_bytes(bomb.getvalue())
     (tmp_path / "out").mkdir()
     with pytest.raises(SourceError, match="at most"):
-        archive.unpack(tmp_path / "bomb.zip", tmp_path / "out")
+        unpack(tmp_path / "bomb.zip", tmp_path / "out")
     assert not list((tmp_path / "out").iterdir())
 
 
@@ -135,7 +135,7 @@ def test_what_cannot_be_unpacked_is_said_to_be_broken(tmp_path, content):
     (tmp_path / "broken.zip").write_bytes(content)
     (tmp_path / "out").mkdir()
     with pytest.raises(SourceError, match="cannot be unpacked"):
-        archive.unpack(tmp_path / "broken.zip", tmp_path / "out")
+        unpack(tmp_path / "broken.zip", tmp_path / "out")
 
 
 def test_links_are_refused(tmp_path):
@@ -145,7 +145,7 @@ def test_links_are_refused(tmp_path):
         archive.writestr(row, "/etc/passwd")
     (tmp_path / "out").mkdir()
     with pytest.raises(SourceError, match="is a link"):
-        archive.unpack(tmp_path / "link.zip", tmp_path / "out")
+        unpack(tmp_path / "link.zip", tmp_path / "out")
 
 
 def test_real_capture_is_built(builder, mocap, tmp_path):

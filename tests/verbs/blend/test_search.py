@@ -12,8 +12,7 @@ from verbs.blend.cardinal import basis_weights
 from verbs.blend.search import Search
 from verbs.domain import accuracy_points
 from verbs.errors import OutOfRange
-from verbs.goal import Goal
-from verbs.quality.report import diagonal
+from verbs.goal import Goal, diagonal
 from verbs.verb import Adverb
 
 

@@ -95,9 +95,15 @@ class Ledger:
         parent: int | None,
         expected: int | None,
         activate: bool,
+        activate_if: int | None,
     ) -> Version:
-        """Write down that a blob was published, unless it was before; point to it where asked."""
+        """Add a version for a blob, unless it was published before, and activate it; see ``Store.publish``."""
         last, sha256 = self.lock(), str(blob.sha256)
+        if activate_if is not None:
+            current = self.current()
+            if current is None:
+                raise self.unknown()
+            activate = activate and current == activate_if
         version = self.same(sha256, parent)
         if version is not None:
             if activate:

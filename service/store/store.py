@@ -78,6 +78,14 @@ def _nothing(step: str) -> None:
     """Nothing happens between steps."""
 
 
+def _kept(version: Version, current: int | None, why: str) -> str:
+    """Detail of a job whose version was not activated."""
+    return (
+        f"kept as version {version.number}, not activated: version {current} is current, and the refinement started "
+        f"from version {version.parent}; {why}"
+    )
+
+
 class Store:
     """Versions of verbs in a database and their artifacts in a folder or bucket; see :meth:`open`."""
 
@@ -172,6 +180,7 @@ class Store:
         parent: int | None = None,
         expected: int | None = None,
         activate: bool = True,
+        activate_if: int | None = None,
         ends: str | None = None,
         at: Callable[[str], None] = _nothing,
     ) -> Version:
@@ -195,8 +204,11 @@ class Store:
             Number that the verb must point to; 0 for none.
         activate : bool
             Whether the verb points to it from now on.
+        activate_if : int, optional
+            Activate the new version only where the verb points to this one; otherwise it is kept, and not activated.
         ends : str, optional
-            Refinement job that is ``published`` in the same transaction, with ``why`` as its detail.
+            Refinement job that is ``published`` in the same transaction. Its detail is ``why``, and states where the
+            version was not activated.
         at : callable
             Told the name of each step before it is done, see :data:`STEPS`.
 
@@ -204,6 +216,8 @@ class Store:
         ------
         Conflict
             The verb points to another version than expected.
+        UnknownVerb
+            With ``activate_if``: the verb was deleted.
         UnknownVersion
             There is no such parent.
         UnknownJob, JobEnded
@@ -227,10 +241,15 @@ class Store:
                     continue  # it was there before, old and referred to by nobody, and was collected just now
                 ledger = Ledger(self._database, connection, verb)
                 version = ledger.enter(
-                    blob, quality, reason, parent=parent, expected=expected, activate=activate
-                )  # fmt: skip
+                    *(blob, quality, reason),
+                    parent=parent,
+                    expected=expected,
+                    activate=activate,
+                    activate_if=activate_if,
+                )
                 if ends is not None:
-                    changes = {"state": "published", "version_after": version.number, "detail": why}
+                    detail = why if (current := ledger.current()) == version.number else _kept(version, current, why)
+                    changes = {"state": "published", "version_after": version.number, "detail": detail}
                     self._jobs.write(connection, ends, changes)
                 at("commit")
             return version

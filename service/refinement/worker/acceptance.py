@@ -16,7 +16,7 @@ from verbs.quality.smoothness import smoothness
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb
 
-__all__ = ["HELD_OUT", "SMOOTHNESS_LIMIT", "Figures", "Verdict", "held_out", "judge", "method_of", "same_examples"]
+__all__ = ["HELD_OUT", "SMOOTHNESS_LIMIT", "Figures", "Verdict", "held_out", "judge", "method_of"]
 
 SMOOTHNESS_LIMIT = 1.25
 """Largest ratio of the new version's mean curvature κ of weights to the old one's, on the same slices.
@@ -111,21 +111,6 @@ def judge(now: Verb, new: Verb, method: str, points: F64) -> Verdict:
     if not fresh.smoothness <= SMOOTHNESS_LIMIT * old.smoothness:
         reasons.append(f"its κ is more than {SMOOTHNESS_LIMIT} times the current one's")
     return Verdict(old, fresh, len(points), diagonal(now), tuple(reasons))
-
-
-def same_examples(first: Verb, second: Verb) -> bool:
-    """Whether two versions were made of the same motions, so that a refinement of one is one of the other."""
-    skeletons = (first.skeleton, second.skeleton)
-    pairs = [
-        (first.values, second.values),
-        (first.curves, second.curves),
-        (first.keytimes, second.keytimes),
-        (first.strides, second.strides),
-        (skeletons[0].offsets, skeletons[1].offsets),
-        *((getattr(first.bases["rbf"], key), getattr(second.bases["rbf"], key)) for key in ("centers", "radial")),
-    ]
-    names = (first.examples, first.adverbs, skeletons[0].names) == (second.examples, second.adverbs, skeletons[1].names)
-    return names and all(np.array_equal(one, other) for one, other in pairs)
 
 
 def _figures(verb: Verb, method: str, points: F64) -> Figures:

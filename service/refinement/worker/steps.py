@@ -1,7 +1,10 @@
 """A refinement job: its steps, each of which can be lost and done again, and the order in which they follow.
 
-begin → advance, again and again → (weigh → publish, again where the verb changed meanwhile) → close. Steps hand each
-other names of blobs and numbers; arrays are in the blobs. A step that is done twice gives the same.
+begin → advance, repeatedly → weigh → publish → close. Steps hand each other names of blobs and numbers; arrays are in
+the blobs. A step that is done twice gives the same.
+
+The result is compared with the version that the job started from. It is activated only if that version still is
+current when it is published; otherwise it is kept, so that a roll-back or another version is never undone.
 """
 
 from __future__ import annotations
@@ -20,10 +23,10 @@ import structlog
 
 from service.refinement.job_spec import Asked
 from service.refinement.usage_counts import drawn, together
-from service.refinement.worker.acceptance import held_out, judge, same_examples
+from service.refinement.worker.acceptance import held_out, judge
 from service.refinement.worker.checkpoint import SETS, Course, go_on
 from service.refinement.worker.scratch import Scratch
-from service.store.records import ENDED, Conflict, Job, JobEnded, StoreError, StoreUnavailable
+from service.store.records import ENDED, Job, JobEnded, StoreError, StoreUnavailable, UnknownVerb
 from service.store.store import Store
 from verbs.conventions import F64
 from verbs.errors import VerbError
@@ -39,8 +42,7 @@ STEP_S = 2.0
 TRAFFIC_S = 7 * 24 * 3600.0
 """Age of the oldest traffic that counts, seconds."""
 
-ROUNDS = 5
-"""How often a result is weighed against a verb that changes under it, before the job gives up."""
+DELETED = "not better: the verb was deleted meanwhile"
 
 _STREAM = 2
 """Which random numbers of a seed search points are drawn from traffic by; see also ``judge``."""
@@ -100,14 +102,10 @@ class Work:
             state = self._step("advance", self.advance, job, state)
         if state["ended"]:
             return self._step("close", self.close, job, "", "")
-        for _ in range(ROUNDS):
-            weighed = self._step("weigh", self.weigh, job, state)
-            if not weighed["better"]:
-                return self._step("close", self.close, job, "not_better", weighed["text"])
-            published = self._step("publish", self.publish, job, weighed)
-            if published["ended"]:
-                return self._step("close", self.close, job, "", "")
-        text = f"not better: the verb was changed {ROUNDS} times while the result was compared with it"
+        weighed = self._step("weigh", self.weigh, job, state)
+        if weighed["better"] and self._step("publish", self.publish, job, weighed)["ended"]:
+            return self._step("close", self.close, job, "", "")
+        text = DELETED if weighed["better"] else weighed["text"]
         return self._step("close", self.close, job, "not_better", text)
 
     def begin(self, job: str) -> State:
@@ -151,15 +149,11 @@ class Work:
         return state
 
     def weigh(self, job: str, state: State) -> State:
-        """Put the result into the verb as it is now, and compare the two."""
+        """Compare the result with the version that the job started from."""
         row, scratch = self.store.job(job), self._scratch(job)
-        asked, version = _asked(row), self.store.current().get(row.verb)
-        if version is None:
-            return {"better": False, "text": "not better: the verb was deleted meanwhile"}
-        before, now = self._verb(row.verb, row.version_before), self._loaded(self.store.path(version))
-        if not same_examples(before, now):
-            text = f"not better: version {version.number} was published meanwhile, and has other examples"
-            return {"better": False, "text": text}
+        if row.verb not in self.store.current():
+            return {"better": False, "text": DELETED}
+        asked, now = _asked(row), self._verb(row.verb, row.version_before)
         course = Course.of_bytes(scratch.get(state["checkpoint"]))
         new = with_basis(now, course.basis, asked.rules, course.mark)
         cells = json.loads(scratch.get(state["cells"])) if state["cells"] else None
@@ -168,23 +162,23 @@ class Work:
             new = replace(new, provenance={**new.provenance, "refinement": made})
         points = held_out(now, asked.seed, cells)
         verdict = judge(now, new, asked.method, points)
-        figures = verdict.as_dict() | {"against": version.number}
+        figures = verdict.as_dict() | {"against": row.version_before}
         self._tell(job, progress=_progress(course, asked, state) | {"figures": figures})
         name = scratch.put_verb(new) if verdict.better else ""
-        log.info("job weighed", job=job, verb=row.verb, against=version.number, better=verdict.better)
+        log.info("job weighed", job=job, verb=row.verb, against=row.version_before, better=verdict.better)
         return {"better": verdict.better, "text": verdict.text, "candidate": name, "figures": figures}
 
     def publish(self, job: str, weighed: State) -> State:
-        """Publish the result and end the job, both or neither, if the verb still is what it was weighed against."""
+        """Publish the result and end the job, both or neither; ``ended`` is False where the verb was deleted."""
         row, name, against = self.store.job(job), weighed["candidate"], weighed["figures"]["against"]
         if row.state in ENDED:  # it was cancelled; or this step was done before, by whoever had the job then
             return {"ended": True}
         try:
             self.store.publish(
                 row.verb, self._scratch(job).path(name), who=f"job {job}", why=weighed["text"][:1_000],
-                quality=weighed["figures"], parent=against, expected=against, ends=job,
+                quality=weighed["figures"], parent=against, activate_if=against, ends=job,
             )  # fmt: skip
-        except Conflict:
+        except UnknownVerb:
             return {"ended": False}
         except JobEnded as err:
             log.info("job has ended", job=job, state=err.state)

@@ -143,10 +143,10 @@ class Bench:
         artifact.save(verb or library.load("arm3"), path)
         return self.store.publish("arm3", path, who="test", why="test", quality={}, **options)
 
-    def job(self, id: str, **asked) -> str:
-        """A queued job for version 1; returns its id."""
+    def job(self, id: str, *, version: int = 1, **asked) -> str:
+        """A queued job for a version; returns its id."""
         values = Asked(**{"target_error": 0.0, "max_pseudo": 6, **asked}).as_dict() | {"who": "test"}
-        self.store.add_job(Job(id, "arm3", "queued", values, {}, 0, 1, None, "", 1.0, 1.0))
+        self.store.add_job(Job(id, "arm3", "queued", values, {}, 0, version, None, "", 1.0, 1.0))
         return id
 
     def ran(self, id: str, **asked) -> Job:

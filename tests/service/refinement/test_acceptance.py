@@ -1,13 +1,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from service.refinement.usage_counts import cells_of
-from service.refinement.worker.acceptance import HELD_OUT, SMOOTHNESS_LIMIT, held_out, judge, method_of, same_examples
+from service.refinement.worker.acceptance import HELD_OUT, SMOOTHNESS_LIMIT, held_out, judge, method_of
 from verbs import library
 from verbs.domain import accuracy_points, random_points
 from verbs.quality.smoothness import smoothness
@@ -64,10 +63,3 @@ def test_held_out_points_come_half_from_traffic():
     assert len(points) == HELD_OUT
     assert near[HELD_OUT // 2 :].all()
     assert near[: HELD_OUT // 2].mean() < 0.1
-
-
-def test_refined_versions_have_the_same_examples(pair):
-    assert same_examples(*pair)
-    curves = np.ascontiguousarray(pair[0].curves * np.float32(0.99))
-    assert not same_examples(pair[0], replace(pair[0], curves=curves))
-    assert not same_examples(pair[0], library.load("board"))

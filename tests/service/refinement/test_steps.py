@@ -127,42 +127,59 @@ def test_hybrid_is_judged_by_hybrid(bench: Bench):
     assert row.state == "published"
 
 
-def test_version_that_was_published_meanwhile_is_what_counts(bench: Bench):
+def test_result_is_not_activated_after_a_roll_back(bench: Bench):
     bench.publish()
-    job = bench.job("j", max_pseudo=12)
     bench.publish(offline(max_pseudo=2)[0])
+    job = bench.job("j", max_pseudo=12, version=2)
+    bench.store.activate("arm3", 1, who="test", why="roll back")
     bench.work.run(job)
     row = bench.store.job(job)
     assert (row.state, row.version_after) == ("published", 3)
+    assert bench.store.current()["arm3"].number == 1
     assert bench.store.version("arm3", 3).parent == 2
-    assert row.progress["figures"]["now"]["method"] == "refined"
+    assert row.detail.startswith("kept as version 3, not activated: version 1 is current")
+    assert "started from version 2" in row.detail
 
 
-def test_version_that_changes_while_it_is_weighed_is_weighed_again(bench: Bench):
+def test_result_is_not_activated_over_a_version_that_was_published_meanwhile(bench: Bench):
     bench.publish()
-    weighed = []
-
-    def disturbed(name, function, *arguments):
-        if name == "weigh":
-            weighed.append(name)
-        if name == "publish" and len(weighed) == 1:
-            bench.publish(offline(max_pseudo=2)[0])
-        return Bench.step(name, function, *arguments)
-
-    work = Work(bench.store, str(bench.folder / "verbs"), step=disturbed, step_s=0.0)
-    work.run(bench.job("j", max_pseudo=12))
-    assert len(weighed) == 2
-    assert bench.store.job("j").version_after == 3
-
-
-def test_new_examples_end_a_job(bench: Bench):
-    bench.publish()
-    job, verb = bench.job("j"), library.load("arm3")
+    job, verb = bench.job("j", max_pseudo=12), library.load("arm3")
     bench.publish(replace(verb, curves=np.ascontiguousarray(verb.curves * np.float32(0.99))))
     bench.work.run(job)
     row = bench.store.job(job)
-    assert row.state == "not_better"
-    assert row.detail == "not better: version 2 was published meanwhile, and has other examples"
+    assert (row.state, row.version_after) == ("published", 3)
+    assert (bench.store.current()["arm3"].number, bench.store.version("arm3", 3).parent) == (2, 1)
+    assert row.progress["figures"]["against"] == 1
+
+
+def test_roll_back_between_comparison_and_publication_is_not_undone(bench: Bench):
+    bench.publish(offline(max_pseudo=2)[0])
+    bench.publish()
+    bench.store.activate("arm3", 1, who="test", why="start here")
+
+    def disturbed(name, function, *arguments):
+        if name == "publish":
+            bench.store.activate("arm3", 2, who="test", why="roll forward")
+        return Bench.step(name, function, *arguments)
+
+    Work(bench.store, str(bench.folder / "verbs"), step=disturbed, step_s=0.0).run(bench.job("j", max_pseudo=12))
+    assert bench.store.job("j").version_after == 3
+    assert bench.store.current()["arm3"].number == 2
+
+
+def test_verb_that_is_deleted_before_publication_ends_a_job(bench: Bench):
+    bench.publish()
+
+    def disturbed(name, function, *arguments):
+        if name == "publish":
+            bench.store.delete("arm3", who="test", why="test")
+        return Bench.step(name, function, *arguments)
+
+    Work(bench.store, str(bench.folder / "verbs"), step=disturbed, step_s=0.0).run(bench.job("j"))
+    row = bench.store.job("j")
+    assert (row.state, row.version_after) == ("not_better", None)
+    assert row.detail == "not better: the verb was deleted meanwhile"
+    assert "arm3" not in bench.store.current()
 
 
 def test_deleted_verb_ends_a_job(bench: Bench):

@@ -12,6 +12,7 @@ from starlette.middleware import Middleware
 from service import errors
 from service.catalog.catalog import Catalog
 from service.http import openapi
+from service.http.guard import Guard, allowed_names
 from service.http.middleware import BodyLimit, Observe
 from service.http.routes import health, pages, poses, quality, refinements, verbs, versions
 from service.settings import Settings
@@ -54,6 +55,7 @@ def create_app(
         },  # each asks for a provider at every request
         middleware=[
             Middleware(Observe, metrics=serving.metrics),
+            Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts)),
             Middleware(BodyLimit, limit=settings.max_body_bytes, others={"/v1/verbs": settings.max_upload_bytes}),
         ],
     )

@@ -3,6 +3,8 @@
 Every problem has a stable ``code``; ``type`` is where ``/docs`` explains it. The tree of the service's own errors::
 
     ServiceError
+    ├── UnknownHost        the request names a host that this server is not known as
+    ├── ForeignOrigin      a browser sent the request for a page of another site
     ├── NotReady           verbs are still being loaded
     ├── Overloaded         too many long calls wait already
     ├── BodyTooLarge       the body is longer than the server takes
@@ -50,6 +52,7 @@ __all__ = [
     "BatchTooLarge",
     "BodyTooLarge",
     "ChannelInUse",
+    "ForeignOrigin",
     "NotAcceptable",
     "NotReady",
     "Overloaded",
@@ -59,6 +62,7 @@ __all__ = [
     "StoreUnavailable",
     "TooManyChannels",
     "UnknownChannel",
+    "UnknownHost",
     "UnknownRefinement",
     "UnknownSession",
     "VersionConflict",
@@ -82,6 +86,14 @@ class ServiceError(Exception):
     def __init__(self, detail: str, *, headers: dict[str, str] | None = None, **extra: Any) -> None:
         self.detail, self.headers, self.extra = detail, headers or {}, extra
         super().__init__(detail)
+
+
+class UnknownHost(ServiceError):
+    """The request names a host that this server is not known as."""
+
+
+class ForeignOrigin(ServiceError):
+    """A browser sent the request for a page of another site."""
 
 
 class NotReady(ServiceError):
@@ -172,6 +184,7 @@ PROBLEMS: dict[str, Problem] = {
     row.code: row
     for row in (
         Problem(400, "malformed_body", "Malformed body", "Send valid JSON (UTF-8), or whole rows of float32."),
+        Problem(403, "foreign_origin", "Foreign origin", "Pages of other sites cannot use this server."),
         Problem(404, "unknown_verb", "Unknown verb", _UNKNOWN),
         Problem(404, "unknown_version", "Unknown version", _UNKNOWN),
         Problem(404, "not_found", "Not found", "See /docs for what is served."),
@@ -182,6 +195,7 @@ PROBLEMS: dict[str, Problem] = {
         Problem(
             415, "unsupported_media_type", "Unsupported media type", "The answer's `known` lists what can be sent."
         ),
+        Problem(421, "unknown_host", "Unknown host", "Use the server's own name, or add this one to its settings."),
         Problem(422, "invalid_request", "Invalid request", "The answer's `errors` say where, and what is allowed."),
         Problem(422, "unknown_adverb", "Unknown adverb", _UNKNOWN),
         Problem(422, "unknown_joint", "Unknown joint", _UNKNOWN),
@@ -209,6 +223,8 @@ PROBLEMS: dict[str, Problem] = {
 """Every problem that the service answers with, by code."""
 
 _SERVICE_CODES: dict[type[ServiceError], str] = {
+    UnknownHost: "unknown_host",
+    ForeignOrigin: "foreign_origin",
     NotReady: "not_ready",
     Overloaded: "overloaded",
     BodyTooLarge: "body_too_large",

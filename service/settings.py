@@ -56,6 +56,14 @@ class Settings(BaseSettings):
             "who reaches it may use it."
         ),
     ] = False
+    allowed_hosts: Annotated[
+        str,
+        Field(
+            max_length=4_000,
+            description="Names under which clients reach the server, separated by commas; * allows any. IP addresses, "
+            "localhost, the machine's name and `ADVERB_HOST` are always allowed.",
+        ),
+    ] = ""
     data: Annotated[
         Path | None,
         Field(

@@ -9,6 +9,7 @@ from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
 from service.http import request_models, response_models
+from service.http.documented import problems
 from service.stream import messages
 
 __all__ = ["API_VERSION", "DESCRIPTION", "install"]
@@ -56,8 +57,11 @@ def _document(app: FastAPI) -> dict[str, Any]:
     for name, schema in definitions["$defs"].items():
         known.setdefault(name, schema)
     for path in document["paths"].values():
-        for operation in path.values():
+        for method, operation in path.items():
             _correct(operation)
+            guarded = ("unknown_host",) if method == "get" else ("unknown_host", "foreign_origin")
+            for status, response in problems(*guarded).items():
+                operation["responses"].setdefault(str(status), response)
     return document
 
 

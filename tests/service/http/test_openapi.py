@@ -37,7 +37,7 @@ ADVERBS = {"arm3": ("x", "y"), "sway": ("width", "haste")}
 @pytest.fixture(scope="module")
 def api(catalog):
     """The API of an app whose lifespan does nothing: schemathesis enters it anew for every call."""
-    app = app_of(catalog)
+    app = app_of(catalog, allowed_hosts="testserver")
 
     async def started(scope, receive, send):
         if scope["type"] != "lifespan":

@@ -87,6 +87,7 @@ generate: setup  ## rewrite generated files: openapi.json, the dashboard's types
 	@$(BIN)/python -m tools.authoring
 	@$(BIN)/python -m tools.authoring.build
 	@$(BIN)/python -m tools.openapi
+	@$(BIN)/python -m tools.settings_table
 	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent types)
 
 load: setup  ## ask a local server for poses and sequences for 20 s (Locust), and print what it answered

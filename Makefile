@@ -16,7 +16,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 # Kernels are compiled once, and again where one of them changed.
 WARM := $(NUMBA_CACHE_DIR)/.warm
 
-.PHONY: help setup serve dashboard test lint types lock generate load bench-streams bench-refine bench clean
+.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-refine bench clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -64,9 +64,18 @@ $(DASHBOARD)/node_modules: $(DASHBOARD)/package-lock.json
 	@npm --prefix $(DASHBOARD) ci --silent --no-audit --no-fund
 	@touch $@
 
-test: setup $(PAGE) $(WARM)  ## run the whole test suite
+# All of it on two workers; of `make test T=…` what T names: files, folders or options of pytest (T="-k guard").
+test: setup $(PAGE) $(WARM)  ## run the whole test suite, or with T=… a part of it
+ifdef T
+	@$(BIN)/python -m pytest $(T)
+else
 	@$(BIN)/python -m pytest -n 2 --dist loadgroup
 	@$(if $(HAS_NPM),npm --prefix $(DASHBOARD) test --silent,echo "test: without npm, the dashboard's own tests are left out")
+endif
+
+check: lint types  ## lint, types, and the tests that the change against the main branch touches
+	@tests="$$($(BIN)/python -m tools.affected_tests)"; \
+		if [ -n "$$tests" ]; then $(BIN)/python -m pytest -m "not slow" $$tests; else echo "check: no test is touched"; fi
 
 lint: setup  ## style, imports, architecture, lock files
 	@$(BIN)/ruff check .

@@ -14,8 +14,8 @@ FILE = Path(__file__).parents[1] / "docs" / "settings.md"
 
 _HEAD = """# Settings
 
-Environment variables of `adverb serve` and `adverb worker`. Most are also a flag of `adverb serve`; a flag wins over its
-variable. An empty variable counts as not set. `make serve` passes them on.
+Environment variables of `adverb serve` and `adverb worker`. Most are also a flag of `adverb serve`; a flag wins over
+its variable. An empty variable counts as not set. `make serve` passes them on.
 
 | variable | default | meaning |
 | --- | --- | --- |

@@ -6,6 +6,7 @@ from pydantic import ValidationError
 from service.settings import Settings
 from tools import settings_table
 
+
 def test_the_committed_table_is_the_code_s():
     assert settings_table.FILE.read_text(encoding="utf-8") == settings_table.text(), "run `make generate`"
 

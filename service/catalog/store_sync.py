@@ -94,7 +94,7 @@ class Keeper:
                 return
             with suppress(Conflict):  # another server published meanwhile; look again
                 expected = current.number if current else 0
-                self.store.publish(verb.name, path, who=FILES, why=path.name, quality=quality, expected=expected)
+                self.store.publish(verb.name, path, author=FILES, reason=path.name, quality=quality, expected=expected)
                 log.info("file published", verb=verb.name, file=path.name)
                 return
 

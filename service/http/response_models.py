@@ -238,8 +238,8 @@ class VersionAnswer(BaseModel):
     current: Annotated[bool, Field(description="Whether it is the one that is served.")]
     sha256: str
     bytes: int
-    who: Annotated[str, Field(description="Who published it.")]
-    why: str
+    author: Annotated[str, Field(description="Who published it.")]
+    reason: str
     created_at: Annotated[float, Field(description="Seconds since 1970.")]
     parent: Annotated[int | None, Field(description="The version that it was refined from.")]
     quality: dict[str, Any]
@@ -265,7 +265,7 @@ class RefinementAnswer(BaseModel):
     id: str
     verb: str
     state: Literal["queued", "running", "published", "not_better", "failed", "cancelled", "given_up"]
-    asked: dict[str, Any]
+    request: Annotated[dict[str, Any], Field(description="What the refinement was started with, and its `author`.")]
     progress: Annotated[dict[str, Any], Field(description="`pseudo`, `error_mean`, `error_max`, and the `curve`.")]
     version_before: int | None
     version_after: int | None

@@ -32,7 +32,7 @@ def enqueue(client: DBOSClient, job: Job) -> None:
         "queue_name": engine.QUEUE,
         "workflow_id": job.id,
         "app_version": engine.VERSION,
-        "priority": int(job.asked["priority"]),
+        "priority": int(job.request["priority"]),
     }
     client.enqueue(options, job.id)
 
@@ -53,7 +53,7 @@ class Refinements:
         self._lock = threading.Lock()
 
     def start(
-        self, verb: str, version: int | None, asked: Asked | Mapping[str, Any], who: str, *, force: bool = False
+        self, verb: str, version: int | None, asked: Asked | Mapping[str, Any], author: str, *, force: bool = False
     ) -> Job:
         """Queue a refinement of a version of a verb, by default of the current one.
 
@@ -62,8 +62,8 @@ class Refinements:
         verb : str
         version : int or None
         asked : Asked or mapping
-        who : str
-            Who wants it, for the record.
+        author : str
+            Who requests it, for the record.
         force : bool
             Whether to do so although the verb is being refined.
 
@@ -82,14 +82,14 @@ class Refinements:
         number = self._number(verb, version)
         if not force:
             self._refuse_second(verb)
-        job = self._added(verb, number, asked, who)
+        job = self._added(verb, number, asked, author)
         if not force:
             self._refuse_second(verb, job)
         with self._reached() as client:
             enqueue(client, job)
         return job
 
-    def cancel(self, id: str, *, who: str = "") -> Job:
+    def cancel(self, id: str, *, author: str = "") -> Job:
         """Cancel a job: at once where it is queued, else before its next step. One that has ended stays as it is.
 
         Raises :class:`UnknownJob` or :class:`StoreUnavailable`.
@@ -97,7 +97,7 @@ class Refinements:
         job = self._store.job(id)
         if job.state in ENDED:
             return job
-        by = f" by {who}" if who else ""
+        by = f" by {author}" if author else ""
         try:
             cancelled = self._store.update_job(id, state="cancelled", detail=f"cancelled{by}")
         except JobEnded:  # its last step was faster
@@ -131,12 +131,12 @@ class Refinements:
             raise UnknownVerb(verb, current)
         return current[verb].number
 
-    def _added(self, verb: str, number: int, asked: Asked, who: str) -> Job:
+    def _added(self, verb: str, number: int, asked: Asked, author: str) -> Job:
         """A new job, written down."""
         now_s = time.time()
         job = Job(
-            id=uuid.uuid4().hex, verb=verb, state="queued", asked=asked.as_dict() | {"who": who}, progress={}, reaps=0,
-            version_before=number, version_after=None, detail="", created_at_s=now_s, updated_at_s=now_s,
+            id=uuid.uuid4().hex, verb=verb, state="queued", request=asked.as_dict() | {"author": author}, progress={},
+            reaps=0, version_before=number, version_after=None, detail="", created_at_s=now_s, updated_at_s=now_s,
         )  # fmt: skip
         self._store.add_job(job)
         return job

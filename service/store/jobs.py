@@ -46,7 +46,7 @@ class Jobs:
         """Write a job down; raises :class:`JobExists` where its id is taken."""
         check_verb(job.verb)
         check_text("id", job.id, 200, empty=False)
-        values = {name: getattr(job, name) for name in Job.__slots__} | {"asked": json_text("asked", job.asked)}
+        values = {name: getattr(job, name) for name in Job.__slots__} | {"request": json_text("request", job.request)}
         values |= _checked({"state": job.state, "progress": job.progress, "detail": job.detail})
         try:
             with self._database.transaction(writes=True) as connection:
@@ -162,4 +162,4 @@ def _find(connection: Connection, id: str, *, lock: bool = False) -> Job:
 
 def _job(row: Row[Any]) -> Job:
     values = dict(row._mapping)
-    return Job(**values | {name: json.loads(values[name]) for name in ("asked", "progress")})
+    return Job(**values | {name: json.loads(values[name]) for name in ("request", "progress")})

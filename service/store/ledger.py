@@ -15,15 +15,15 @@ from service.store.blobs import Blob
 from service.store.records import Conflict, Event, UnknownVerb, UnknownVersion, Version
 from service.store.tables import Database
 
-__all__ = ["Ledger", "Reason", "select_versions"]
+__all__ = ["Change", "Ledger", "select_versions"]
 
 
 @dataclass(frozen=True, slots=True)
-class Reason:
-    """Who does something, why, and when (seconds since 1970, UTC)."""
+class Change:
+    """Author, reason and time (seconds since 1970, UTC) of a change."""
 
-    who: str
-    why: str
+    author: str
+    reason: str
     at_s: float
 
 
@@ -90,7 +90,7 @@ class Ledger:
         self,
         blob: Blob,
         quality: Mapping[str, Any],
-        reason: Reason,
+        change: Change,
         *,
         parent: int | None,
         expected: int | None,
@@ -107,7 +107,7 @@ class Ledger:
         version = self.same(sha256, parent)
         if version is not None:
             if activate:
-                self.turn(version, reason, expected=expected)
+                self.turn(version, change, expected=expected)
             return version
         self.expect(expected)
         if parent is not None:
@@ -117,29 +117,29 @@ class Ledger:
             number=last + 1,
             sha256=sha256,
             size_bytes=blob.size_bytes,
-            who=reason.who,
-            why=reason.why,
+            author=change.author,
+            reason=change.reason,
             quality=dict(quality),
-            created_at_s=reason.at_s,
+            created_at_s=change.at_s,
             parent=parent,
         )
         self.add(version)
         if activate:
             self.point(version.number)
-        self.note("publish", version.number, reason)
+        self.note("publish", version.number, change)
         return version
 
-    def turn(self, version: Version, reason: Reason, *, expected: int | None) -> None:
+    def turn(self, version: Version, change: Change, *, expected: int | None) -> None:
         """Point to a version that there is, unless the verb does already; raises :class:`Conflict`."""
         if self.current() == version.number:
             return
         self.expect(expected)
         self.point(version.number)
-        self.note("activate", version.number, reason)
+        self.note("activate", version.number, change)
 
-    def note(self, kind: str, number: int, reason: Reason) -> None:
+    def note(self, kind: str, number: int, change: Change) -> None:
         """Write an event into the history and tell whoever listens."""
-        event = Event(self.verb, kind, number, self.current(), reason.who, reason.why, reason.at_s)
+        event = Event(self.verb, kind, number, self.current(), change.author, change.reason, change.at_s)
         self._connection.execute(insert(tables.events).values(asdict(event)))
         self._database.notify(self._connection, self.verb)
 

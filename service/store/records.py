@@ -71,8 +71,8 @@ class Version:
     sha256 : str
         Of the artifact's bytes, 64 hexadecimal digits; it names the blob.
     size_bytes : int
-    who, why : str
-        Who published it, and what for.
+    author, reason : str
+        Who published it, and why.
     quality : mapping
         JSON values: measured figures.
     created_at_s : float
@@ -85,8 +85,8 @@ class Version:
     number: int
     sha256: str
     size_bytes: int
-    who: str
-    why: str
+    author: str
+    reason: str
     quality: Mapping[str, Any]
     created_at_s: float
     parent: int | None
@@ -105,7 +105,8 @@ class Event:
         The version that was published or activated, or was current before the verb was deleted.
     current : int or None
         The version that the verb points to since; None where it points to none.
-    who, why : str
+    author, reason : str
+        Who did it, and why.
     at_s : float
         Seconds since 1970, UTC.
     """
@@ -114,8 +115,8 @@ class Event:
     kind: str
     number: int
     current: int | None
-    who: str
-    why: str
+    author: str
+    reason: str
     at_s: float
 
 
@@ -128,8 +129,8 @@ class Job:
     id, verb : str
     state : str
         One of :data:`STATES`.
-    asked, progress : mapping
-        JSON values: what was asked for, and how far it is.
+    request, progress : mapping
+        JSON values: the parameters of the job with its author, and how far it is.
     reaps : int
         How often another worker took it over.
     version_before, version_after : int or None
@@ -143,7 +144,7 @@ class Job:
     id: str
     verb: str
     state: str
-    asked: Mapping[str, Any]
+    request: Mapping[str, Any]
     progress: Mapping[str, Any]
     reaps: int
     version_before: int | None

@@ -18,7 +18,7 @@ from sqlalchemy import select
 from service.store import tables
 from service.store.blobs import Blobs, open_blobs
 from service.store.jobs import Jobs, Traffic
-from service.store.ledger import Ledger, Reason, select_versions
+from service.store.ledger import Change, Ledger, select_versions
 from service.store.notices import notices
 from service.store.records import (
     ArtifactMissing,
@@ -78,11 +78,11 @@ def _nothing(step: str) -> None:
     """Nothing happens between steps."""
 
 
-def _kept(version: Version, current: int | None, why: str) -> str:
+def _kept(version: Version, current: int | None, reason: str) -> str:
     """Detail of a job whose version was not activated."""
     return (
         f"kept as version {version.number}, not activated: version {current} is current, and the refinement started "
-        f"from version {version.parent}; {why}"
+        f"from version {version.parent}; {reason}"
     )
 
 
@@ -174,8 +174,8 @@ class Store:
         verb: str,
         artifact: Path,
         *,
-        who: str,
-        why: str,
+        author: str,
+        reason: str,
         quality: Mapping[str, Any],
         parent: int | None = None,
         expected: int | None = None,
@@ -194,7 +194,7 @@ class Store:
         verb : str
         artifact : Path
             Copied; whether it is a verb was checked before.
-        who, why : str
+        author, reason : str
             Up to 200 and 2000 characters for the history.
         quality : mapping
             JSON values, up to 1 MB.
@@ -207,7 +207,7 @@ class Store:
         activate_if : int, optional
             Activate the new version only where the verb points to this one; otherwise it is kept, and not activated.
         ends : str, optional
-            Refinement job that is ``published`` in the same transaction. Its detail is ``why``, and states where the
+            Refinement job that is ``published`` in the same transaction. Its detail is ``reason``, and states where the
             version was not activated.
         at : callable
             Told the name of each step before it is done, see :data:`STEPS`.
@@ -231,7 +231,7 @@ class Store:
         """
         check_verb(verb)
         json_text("quality", quality)
-        reason = self._reason(who, why)
+        change = self._change(author, reason)
         for _ in range(ATTEMPTS):
             blob = self._blobs.put(artifact, at)
             at("transaction")
@@ -241,41 +241,42 @@ class Store:
                     continue  # it was there before, old and referred to by nobody, and was collected just now
                 ledger = Ledger(self._database, connection, verb)
                 version = ledger.enter(
-                    *(blob, quality, reason),
+                    *(blob, quality, change),
                     parent=parent,
                     expected=expected,
                     activate=activate,
                     activate_if=activate_if,
                 )
                 if ends is not None:
-                    detail = why if (current := ledger.current()) == version.number else _kept(version, current, why)
+                    current = ledger.current()
+                    detail = reason if current == version.number else _kept(version, current, reason)
                     changes = {"state": "published", "version_after": version.number, "detail": detail}
                     self._jobs.write(connection, ends, changes)
                 at("commit")
             return version
         raise StoreUnavailable("the artifact does not stay where it is written")
 
-    def activate(self, verb: str, number: int, *, who: str, why: str, expected: int | None = None) -> Version:
+    def activate(self, verb: str, number: int, *, author: str, reason: str, expected: int | None = None) -> Version:
         """Point a verb to one of its versions; one that was deleted is served again.
 
         Raises :class:`UnknownVerb`, :class:`UnknownVersion`, :class:`Conflict` where it points to another version than
         ``expected`` (0 for none), or :class:`InvalidValue`. Nothing happens where it points there already.
         """
-        reason = self._reason(who, why)
+        change = self._change(author, reason)
         with self._database.transaction(writes=True) as connection:
             ledger = Ledger(self._database, connection, verb)
             ledger.require()
             ledger.lock()
             version = ledger.pick(number)
-            ledger.turn(version, reason, expected=expected)
+            ledger.turn(version, change, expected=expected)
             return version
 
-    def delete(self, verb: str, *, who: str, why: str, expected: int | None = None) -> None:
+    def delete(self, verb: str, *, author: str, reason: str, expected: int | None = None) -> None:
         """Stop serving a verb. Its versions stay for roll-back until they are collected, and numbers go on.
 
         Raises :class:`UnknownVerb` where it is not served, :class:`Conflict` or :class:`InvalidValue`.
         """
-        reason = self._reason(who, why)
+        change = self._change(author, reason)
         with self._database.transaction(writes=True) as connection:
             ledger = Ledger(self._database, connection, verb)
             ledger.require()
@@ -285,7 +286,7 @@ class Store:
                 raise ledger.unknown()
             ledger.expect(expected)
             ledger.point(None)
-            ledger.note("delete", number, reason)
+            ledger.note("delete", number, change)
 
     def path(self, version: Version) -> Path:
         """A local file with a version's artifact, checked against its hash; it can be mapped and never changes.
@@ -392,5 +393,7 @@ class Store:
         """Count that another worker took a job over; returns how often that was. Raises :class:`UnknownJob`."""
         return self._jobs.reap(id)
 
-    def _reason(self, who: str, why: str) -> Reason:
-        return Reason(check_text("who", who, 200, empty=False), check_text("why", why, 2000), self._clock())
+    def _change(self, author: str, reason: str) -> Change:
+        check_text("author", author, 200, empty=False)
+        check_text("reason", reason, 2000)
+        return Change(author, reason, self._clock())

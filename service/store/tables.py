@@ -34,12 +34,10 @@ from sqlalchemy import (
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL
 
+from service.store.migrations import LAYOUT, upgrade
 from service.store.records import BadAddress, StoreError, StoreUnavailable
 
 __all__ = ["Database", "events", "jobs", "pointers", "traffic", "verbs", "versions"]
-
-LAYOUT = 1
-"""Version of the tables. A database with newer ones is refused."""
 
 CONNECTIONS = 4
 """Most connections that a store holds, besides one for notices."""
@@ -65,8 +63,8 @@ versions = Table(
     Column("number", Integer, primary_key=True, autoincrement=False),
     Column("sha256", String(64), nullable=False, index=True),
     Column("size_bytes", BigInteger, nullable=False),
-    Column("who", Text, nullable=False),
-    Column("why", Text, nullable=False),
+    Column("author", Text, nullable=False),
+    Column("reason", Text, nullable=False),
     Column("quality", Text, nullable=False),
     Column("created_at_s", Double, nullable=False),
     Column("parent", Integer),  # no foreign key: a parent may have been collected
@@ -88,8 +86,8 @@ events = Table(
     Column("kind", String(16), nullable=False),
     Column("number", Integer, nullable=False),
     Column("current", Integer),
-    Column("who", Text, nullable=False),
-    Column("why", Text, nullable=False),
+    Column("author", Text, nullable=False),
+    Column("reason", Text, nullable=False),
     Column("at_s", Double, nullable=False),
     Index("adverb_events_of_verb", "verb", "id"),
 )
@@ -100,7 +98,7 @@ jobs = Table(
     Column("id", String(200), primary_key=True),
     Column("verb", String(63), nullable=False, index=True),
     Column("state", String(16), nullable=False),
-    Column("asked", Text, nullable=False),
+    Column("request", Text, nullable=False),
     Column("progress", Text, nullable=False),
     Column("reaps", Integer, nullable=False),
     Column("version_before", Integer),
@@ -143,7 +141,7 @@ class Database:
         self._engine = self._make_engine()
 
     def prepare(self) -> None:
-        """Make the tables where they are not there; raises :class:`StoreError` where they are newer than this code."""
+        """Create missing tables and upgrade older ones; raises :class:`StoreError` if they are newer than this code."""
         if self.sqlite:
             self._write_ahead()
         with self.transaction(writes=True) as connection:
@@ -155,6 +153,8 @@ class Database:
                 connection.execute(insert(layouts).values(number=LAYOUT))
             elif layout > LAYOUT:
                 raise StoreError(f"the database has layout {layout}; this Adverb reads up to {LAYOUT}: upgrade it")
+            elif layout < LAYOUT:
+                upgrade(connection, layout)
 
     @contextmanager
     def transaction(self, *, writes: bool = False) -> Iterator[Connection]:

@@ -151,7 +151,7 @@ def _told(job: Job) -> dict[str, Any]:
         "id": job.id,
         "verb": job.verb,
         "state": job.state,
-        "asked": dict(job.asked),
+        "request": dict(job.request),
         "progress": dict(job.progress),
         "version_before": job.version_before,
         "version_after": job.version_after,

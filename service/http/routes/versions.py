@@ -68,7 +68,7 @@ async def upload(request: Request) -> Response:
 
         def publish() -> Version:
             return keeper.store.publish(
-                *(made.verb, result), who=WHO, why="upload", quality=made.quality, expected=expected
+                *(made.verb, result), author=WHO, reason="upload", quality=made.quality, expected=expected
             )
 
         version = await aside(publish)
@@ -89,7 +89,7 @@ async def delete(request: Request, verb: VerbName) -> Response:
     """Stop serving a verb. Its versions stay for a while: activating one brings it back."""
     serving = serving_of(request)
     keeper, expected = _keeper(serving), _expected(request)
-    await aside(lambda: keeper.store.delete(verb, who=WHO, why="delete", expected=expected))
+    await aside(lambda: keeper.store.delete(verb, author=WHO, reason="delete", expected=expected))
     await serving.renew()
     return Response(status_code=204)
 
@@ -126,7 +126,7 @@ async def activate(request: Request, verb: VerbName, number: Number) -> Response
     """Roll a verb back or forward. Streams pass to it between two frames."""
     serving = serving_of(request)
     keeper, expected = _keeper(serving), _expected(request)
-    version = await aside(lambda: keeper.store.activate(verb, number, who=WHO, why="activate", expected=expected))
+    version = await aside(lambda: keeper.store.activate(verb, number, author=WHO, reason="activate", expected=expected))
     await serving.renew()
     return Response(orjson.dumps(_told(version, version.number)), 200, {"ETag": f'"{version.number}"'}, JSON)
 
@@ -193,8 +193,8 @@ def _told(version: Version, current: int | None) -> dict[str, Any]:
         "current": version.number == current,
         "sha256": version.sha256,
         "bytes": version.size_bytes,
-        "who": version.who,
-        "why": version.why,
+        "author": version.author,
+        "reason": version.reason,
         "created_at": version.created_at_s,
         "parent": version.parent,
         "quality": dict(version.quality),

@@ -175,7 +175,7 @@ class Work:
             return {"ended": True}
         try:
             self.store.publish(
-                row.verb, self._scratch(job).path(name), who=f"job {job}", why=weighed["text"][:1_000],
+                row.verb, self._scratch(job).path(name), author=f"job {job}", reason=weighed["text"][:1_000],
                 quality=weighed["figures"], parent=against, activate_if=against, ends=job,
             )  # fmt: skip
         except UnknownVerb:
@@ -229,7 +229,7 @@ def _problem(err: Exception) -> str:
 
 
 def _asked(row: Job) -> Asked:
-    return Asked.of({name: value for name, value in row.asked.items() if name != "who"})
+    return Asked.of({name: value for name, value in row.request.items() if name != "author"})
 
 
 def _progress(course: Course, asked: Asked, state: State) -> dict[str, Any]:

@@ -61,7 +61,7 @@ async def test_twenty_versions_come_and_go_under_a_hundred_streams(server, arms,
             await shown(clients, reading, number)
             if k % 4 == 3:
                 back = number - 1
-                await asyncio.to_thread(server.serving.keeper.store.activate, "arm", back, who="test", why="back")
+                await asyncio.to_thread(server.serving.keeper.store.activate, "arm", back, author="test", reason="back")
                 await shown(clients, reading, back)
         await asyncio.gather(*(client.socket.close() for client in clients))
         await asyncio.gather(*reading, return_exceptions=True)
@@ -77,7 +77,7 @@ async def test_twenty_versions_come_and_go_under_a_hundred_streams(server, arms,
 def publish(server, verb, path):
     artifact.save(verb, path)
     store = server.serving.keeper.store
-    return store.publish("arm", path, who="test", why="swap", quality={}).number
+    return store.publish("arm", path, author="test", reason="swap", quality={}).number
 
 
 async def read_on(client):

@@ -28,6 +28,7 @@ async def test_a_zip_becomes_a_verb_and_replaces_itself(client, arm_zip):
     assert first.status_code == 201, first.text
     number = first.json()["version"]
     assert (first.json()["verb"], first.headers["etag"]) == ("arm", f'"{number}"')
+    assert (first.json()["author"], first.json()["reason"]) == ("a client", "upload")
     described = (await client.get("/v1/verbs/arm")).json()
     assert described["version"] == number
     pose = await client.post("/v1/verbs/arm/pose", json={"adverbs": {"x": 0.4, "y": 0.3}})
@@ -110,6 +111,7 @@ async def test_a_refinement_is_followed_to_its_end_while_a_stream_runs(client, k
         asked = {"max_pseudo": 25, "target_error": 0.0001}
         started = await client.post("/v1/verbs/arm3/refinements", json=asked)
         assert started.status_code == 202
+        assert started.json()["request"].items() >= (asked | {"author": "a client"}).items()
         where = started.headers["location"]
         again = await client.post("/v1/verbs/arm3/refinements", json=asked)
         assert (again.status_code, again.json()["refinement"]) == (409, started.json()["id"])

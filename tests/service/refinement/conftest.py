@@ -103,7 +103,7 @@ class Place:
     def publish(self, name: str, *, path: Path | None = None) -> str:
         """Publish arm3 under another name; returns it."""
         path = path or Path(library.__file__).with_name("arm3.verb")
-        self.store.publish(name, path, who="test", why="test", quality={})
+        self.store.publish(name, path, author="test", reason="test", quality={})
         return name
 
     def runner(self, job: Job, *, steps: int = 1) -> Process:
@@ -141,11 +141,11 @@ class Bench:
     def publish(self, verb: Verb | None = None, **options) -> Version:
         path = self.folder / "published.verb"
         artifact.save(verb or library.load("arm3"), path)
-        return self.store.publish("arm3", path, who="test", why="test", quality={}, **options)
+        return self.store.publish("arm3", path, author="test", reason="test", quality={}, **options)
 
     def job(self, id: str, *, version: int = 1, **asked) -> str:
         """A queued job for a version; returns its id."""
-        values = Asked(**{"target_error": 0.0, "max_pseudo": 6, **asked}).as_dict() | {"who": "test"}
+        values = Asked(**{"target_error": 0.0, "max_pseudo": 6, **asked}).as_dict() | {"author": "test"}
         self.store.add_job(Job(id, "arm3", "queued", values, {}, 0, version, None, "", 1.0, 1.0))
         return id
 

@@ -25,8 +25,8 @@ def test_a_job_reaches_the_error_that_refine_reaches(bench: Bench, name: str):
     *_, last = refine(verb, rules)
     alone = with_basis(verb, last.basis, rules, last.mark)
     file = Path(library.__file__).with_name(f"{name}.verb")
-    bench.store.publish(name, file, who="test", why="test", quality={})
-    asked = Asked(target_error=0.0, max_pseudo=PSEUDO, seed=3).as_dict() | {"who": "test"}
+    bench.store.publish(name, file, author="test", reason="test", quality={})
+    asked = Asked(target_error=0.0, max_pseudo=PSEUDO, seed=3).as_dict() | {"author": "test"}
     bench.store.add_job(Job("j", name, "queued", asked, {}, 0, 1, None, "", 1.0, 1.0))
     bench.work.run("j")
     row = bench.store.job("j")

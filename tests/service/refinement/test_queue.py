@@ -46,7 +46,7 @@ def desk(bench: Bench) -> Iterator[Desk]:
 
 def test_job_is_queued_once_to_a_verb(desk: Desk):
     job = desk.queue.start("arm3", None, {"priority": 3}, "me")
-    assert (job.state, job.version_before, job.asked["who"], job.asked["priority"]) == ("queued", 1, "me", 3)
+    assert (job.state, job.version_before, job.request["author"], job.request["priority"]) == ("queued", 1, "me", 3)
     assert desk.queue.job(job.id) == job
     assert desk.queue.jobs(verb="arm3") == [job]
     with pytest.raises(AlreadyRunning) as caught:
@@ -68,9 +68,9 @@ def test_of_two_that_start_at_once_one_is_told(desk: Desk, monkeypatch):
 
 def test_cancelled_job_leaves_the_queue_and_the_verb_is_free(desk: Desk):
     job = desk.queue.start("arm3", None, {}, "me")
-    assert desk.queue.cancel(job.id, who="you").detail == "cancelled by you"
+    assert desk.queue.cancel(job.id, author="you").detail == "cancelled by you"
     assert desk.statuses() == {job.id: "CANCELLED"}
-    assert desk.queue.cancel(job.id, who="me").detail == "cancelled by you"
+    assert desk.queue.cancel(job.id, author="me").detail == "cancelled by you"
     desk.queue.start("arm3", None, {}, "me")
 
 

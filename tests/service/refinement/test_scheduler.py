@@ -34,7 +34,7 @@ class Watched:
         self.refinements = Refinements(self.url, self.store)
         self.demand, self.metrics = Demand(), Metrics()
         path = Path(library.__file__).with_name("arm3.verb")
-        self.store.publish("arm3", path, who="test", why="test", quality={})
+        self.store.publish("arm3", path, author="test", reason="test", quality={})
         self.watch = Watch(
             *(self.store, self.refinements, self.demand, self.metrics),
             **{"refine_above": None, **options},
@@ -131,9 +131,9 @@ def test_far_answers_start_one_refinement_and_then_there_is_rest(watched, arm):
     one.ask(arm, LEAST_ANSWERS, 0.02)
     one.look()
     (job,) = one.store.jobs()
-    asked = {name: job.asked[name] for name in ("who", "weighted_by_traffic", "priority")}
+    asked = {name: job.request[name] for name in ("author", "weighted_by_traffic", "priority")}
     assert (job.verb, job.state, job.version_before) == ("arm3", "queued", 1)
-    assert asked == {"who": WHO, "weighted_by_traffic": True, "priority": 100}
+    assert asked == {"author": WHO, "weighted_by_traffic": True, "priority": 100}
     one.ask(arm, LEAST_ANSWERS, 0.02)
     one.look(later_s=REST_S)
     assert one.store.jobs() == [job]
@@ -166,7 +166,7 @@ def test_a_verb_that_is_deleted_or_refined_already_is_left_alone(watched, arm):
     one.look()
     assert one.store.jobs() == [mine]
     one.refinements.cancel(mine.id)
-    one.store.delete("arm3", who="me", why="test")
+    one.store.delete("arm3", author="me", reason="test")
     one.look(later_s=REST_S)
     assert len(one.store.jobs()) == 1
 
@@ -194,7 +194,7 @@ def test_what_nobody_needs_is_collected_now_and_then(watched, tmp_path):
     artifact = tmp_path / "artifact"
     for k in range(7):
         artifact.write_text(f"version {k}")
-        one.store.publish("arm3", artifact, who="test", why="test", quality={})
+        one.store.publish("arm3", artifact, author="test", reason="test", quality={})
     left, fresh = one.uploads / "left.upload", one.uploads / "fresh.upload"
     for file, age_s in ((left, ORPHAN_S + 60.0), (fresh, 0.0)):
         file.touch()
@@ -205,7 +205,7 @@ def test_what_nobody_needs_is_collected_now_and_then(watched, tmp_path):
     one.look(later_s=30 * DAY_S - COLLECT_S[0] + 1.0)
     assert [version.number for version in one.store.versions("arm3")] == [4, 5, 6, 7, 8]
     assert (left.exists(), fresh.exists()) == (False, True)
-    one.store.publish("arm3", Path(library.__file__).with_name("board.verb"), who="test", why="test", quality={})
+    one.store.publish("arm3", Path(library.__file__).with_name("board.verb"), author="test", reason="test", quality={})
     one.look(later_s=COLLECT_S[1] - 1.0)
     assert len(one.store.versions("arm3")) == 6
     one.look(later_s=8 * DAY_S)

@@ -41,7 +41,7 @@ def test_job_publishes_the_bytes_that_refine_gives(bench: Bench):
     artifact.save(verb, path)
     version = bench.store.current()["arm3"]
     assert (row.state, row.version_after) == ("published", 2)
-    assert (version.number, version.parent, version.who) == (2, 1, "job j")
+    assert (version.number, version.parent, version.author) == (2, 1, "job j")
     assert bench.store.path(version).read_bytes() == path.read_bytes()
     assert row.progress["curve"] == [[step.pseudo, step.after.mean, step.after.largest] for step in steps]
     assert row.progress["ratio"] == 1.0
@@ -53,7 +53,7 @@ def test_same_seed_gives_the_same_bytes_however_steps_are_cut(bench: Bench):
     bench.publish()
     bench.work.step_s = 100.0
     first = bench.ran("a")
-    bench.store.activate("arm3", 1, who="test", why="again")
+    bench.store.activate("arm3", 1, author="test", reason="again")
     bench.work.step_s = 0.0
     second = bench.ran("b")
     assert first.version_after == second.version_after == 2
@@ -131,7 +131,7 @@ def test_result_is_not_activated_after_a_roll_back(bench: Bench):
     bench.publish()
     bench.publish(offline(max_pseudo=2)[0])
     job = bench.job("j", max_pseudo=12, version=2)
-    bench.store.activate("arm3", 1, who="test", why="roll back")
+    bench.store.activate("arm3", 1, author="test", reason="roll back")
     bench.work.run(job)
     row = bench.store.job(job)
     assert (row.state, row.version_after) == ("published", 3)
@@ -155,11 +155,11 @@ def test_result_is_not_activated_over_a_version_that_was_published_meanwhile(ben
 def test_roll_back_between_comparison_and_publication_is_not_undone(bench: Bench):
     bench.publish(offline(max_pseudo=2)[0])
     bench.publish()
-    bench.store.activate("arm3", 1, who="test", why="start here")
+    bench.store.activate("arm3", 1, author="test", reason="start here")
 
     def disturbed(name, function, *arguments):
         if name == "publish":
-            bench.store.activate("arm3", 2, who="test", why="roll forward")
+            bench.store.activate("arm3", 2, author="test", reason="roll forward")
         return Bench.step(name, function, *arguments)
 
     Work(bench.store, str(bench.folder / "verbs"), step=disturbed, step_s=0.0).run(bench.job("j", max_pseudo=12))
@@ -172,7 +172,7 @@ def test_verb_that_is_deleted_before_publication_ends_a_job(bench: Bench):
 
     def disturbed(name, function, *arguments):
         if name == "publish":
-            bench.store.delete("arm3", who="test", why="test")
+            bench.store.delete("arm3", author="test", reason="test")
         return Bench.step(name, function, *arguments)
 
     Work(bench.store, str(bench.folder / "verbs"), step=disturbed, step_s=0.0).run(bench.job("j"))
@@ -185,7 +185,7 @@ def test_verb_that_is_deleted_before_publication_ends_a_job(bench: Bench):
 def test_deleted_verb_ends_a_job(bench: Bench):
     bench.publish()
     job = bench.job("j")
-    bench.store.delete("arm3", who="test", why="test")
+    bench.store.delete("arm3", author="test", reason="test")
     bench.work.run(job)
     assert bench.store.job(job).detail == "not better: the verb was deleted meanwhile"
 
@@ -283,7 +283,7 @@ def test_traffic_lowers_the_error_where_a_verb_is_asked_for(bench: Bench):
     asked = traffic(verb, np.random.default_rng(5), 4_000)
     bench.store.put_traffic("arm3", "server", cells_of(verb, asked), 2e9)
     uniform = bench.ran("uniform", max_pseudo=16)
-    bench.store.activate("arm3", 1, who="test", why="compare")
+    bench.store.activate("arm3", 1, author="test", reason="compare")
     weighted = bench.ran("weighted", max_pseudo=16, weighted_by_traffic=True)
     assert weighted.progress["pseudo"] == uniform.progress["pseudo"] == 16
     assert weighted.progress["curve_traffic"][-1][1] < uniform.progress["curve"][-1][1]

@@ -93,7 +93,7 @@ def test_cancelled_job_ends_within_a_step(place: Place):
     with pytest.raises(AlreadyRunning) as caught:
         place.queue.start(name, None, ASKED, "test")
     assert caught.value.job == job.id
-    assert place.queue.cancel(job.id, who="me").state == "cancelled"
+    assert place.queue.cancel(job.id, author="me").state == "cancelled"
     cancelled_s, done = time.time(), len(runner.lines("step done", job=job.id))
     closed = until(lambda: runner.lines("job closed", job=job.id))
     assert closed[0]["timestamp"] - cancelled_s < 2.0

@@ -30,7 +30,7 @@ def publish_many(place: Place, folder: Path, name: str, count: int, barrier: Any
     barrier.wait(120)
     for k in range(count):
         file.write_text(f"{name} {k}")
-        store.publish("reach", file, who=name, why="race", quality={})
+        store.publish("reach", file, author=name, reason="race", quality={})
     store.close()
 
 
@@ -41,7 +41,7 @@ def publish_and_die(place: Place, file: Path, at: str) -> None:
         if step == at:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    place.open().publish("reach", file, who="child", why="dies", quality={}, at=die)
+    place.open().publish("reach", file, author="child", reason="dies", quality={}, at=die)
 
 
 def publish_when_told(place: Place, file: Path, told: Any, times: Any) -> None:
@@ -50,7 +50,7 @@ def publish_when_told(place: Place, file: Path, told: Any, times: Any) -> None:
     told.send("ready")
     while told.recv():
         file.write_text(str(time.monotonic()))
-        version = store.publish("reach", file, who="child", why="news", quality={})
+        version = store.publish("reach", file, author="child", reason="news", quality={})
         times.send((version.number, time.monotonic()))
     store.close()
 

@@ -13,7 +13,7 @@ from service.store import store as stores
 from service.store.blobs import Bucket, Folder, open_blobs
 from service.store.store import ArtifactMissing, BadAddress, Store, StoreUnavailable
 
-WHY = {"who": "ada", "why": "a test", "quality": {}}
+WHY = {"author": "ada", "reason": "a test", "quality": {}}
 
 
 def nothing(step: str) -> None:

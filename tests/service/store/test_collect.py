@@ -8,7 +8,7 @@ import pytest
 from service.store.store import ArtifactMissing, Job, UnknownVersion
 from verbs.verb import NAME
 
-WHY = {"who": "ada", "why": "a test", "quality": {}}
+WHY = {"author": "ada", "reason": "a test", "quality": {}}
 DAY_S = 86400.0
 
 
@@ -32,7 +32,7 @@ def job(verb: str, version: int, state: str = "running") -> Job:
 
 def test_the_newest_and_the_current_one_stay(store, place, artifact, later_s):
     blobs = fill(store, artifact, 8)
-    store.activate("reach", 2, who="ada", why="")
+    store.activate("reach", 2, author="ada", reason="")
     removed = store.collect(keep=3, now_s=later_s)
     gone = [f"{blobs[k - 1]}.verb" for k in (1, 3, 4, 5)]
     assert removed == ["reach 1", "reach 3", "reach 4", "reach 5", *sorted(gone)]
@@ -40,7 +40,7 @@ def test_the_newest_and_the_current_one_stay(store, place, artifact, later_s):
     assert place.files() == {f"{blobs[k - 1]}.verb" for k in (2, 6, 7, 8)}
     assert len(store.history("reach")) == 9
     with pytest.raises(UnknownVersion):
-        store.activate("reach", 1, who="ada", why="")
+        store.activate("reach", 1, author="ada", reason="")
     assert store.collect(keep=3, now_s=later_s) == []
     assert store.publish("reach", artifact("reach 1"), **WHY).number == 9
 
@@ -79,7 +79,7 @@ def test_a_shared_blob_stays_as_long_as_one_version_refers_to_it(store, place, a
 
 def test_a_deleted_verb_is_collected_when_it_is_old(store, place, artifact, clock):
     fill(store, artifact, 3)
-    store.delete("reach", who="ada", why="")
+    store.delete("reach", author="ada", reason="")
     store.collect(keep=2, younger_s=10.0, now_s=clock.now_s + 9.0)
     assert numbers(store) == [2, 3]
     store.collect(keep=2, younger_s=10.0, now_s=clock.now_s + 11.0)

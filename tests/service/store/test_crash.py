@@ -9,7 +9,7 @@ import pytest
 from service.store.store import STEPS
 from tests.service.store.children import PROCESSES, open_once, publish_and_die, publish_many, start
 
-WHY = {"who": "ada", "why": "a test", "quality": {}}
+WHY = {"author": "ada", "reason": "a test", "quality": {}}
 HOURS_S = 3600.0
 
 

@@ -46,15 +46,15 @@ def test_a_job_goes_on_and_ends(store, clock):
 
 def test_publishing_ends_a_job_or_does_not_happen(store, artifact):
     store.add_job(JOB)
-    version = store.publish("reach", artifact("one"), who="j1", why="better", quality={}, ends="j1")
+    version = store.publish("reach", artifact("one"), author="j1", reason="better", quality={}, ends="j1")
     job = store.job("j1")
     assert (job.state, job.version_after, job.detail) == ("published", version.number, "better")
     store.add_job(replace(JOB, id="j2"))
     store.update_job("j2", state="cancelled")
     with pytest.raises(JobEnded, match="has ended .cancelled."):
-        store.publish("reach", artifact("two"), who="j2", why="better", quality={}, ends="j2")
+        store.publish("reach", artifact("two"), author="j2", reason="better", quality={}, ends="j2")
     with pytest.raises(UnknownJob):
-        store.publish("reach", artifact("two"), who="j3", why="better", quality={}, ends="j3")
+        store.publish("reach", artifact("two"), author="j3", reason="better", quality={}, ends="j3")
     assert store.versions("reach") == [version]
     assert len(store.history("reach")) == 1
 
@@ -75,7 +75,7 @@ def test_of_cancelling_and_publishing_one_happens(place, store, artifact):
         thread.start()
         barrier.wait(120)
         with suppress(JobEnded):
-            store.publish("reach", file, who="test", why="", quality={}, ends=f"j{k}")
+            store.publish("reach", file, author="test", reason="", quality={}, ends=f"j{k}")
         thread.join(120)
         job = store.job(f"j{k}")
         published += job.state == "published"

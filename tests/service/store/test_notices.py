@@ -12,7 +12,7 @@ from service.store.store import Store
 from tests.service.store.children import PROCESSES, publish_when_told, start
 
 pytestmark = pytest.mark.anyio
-WHY = {"who": "ada", "why": "a test", "quality": {}}
+WHY = {"author": "ada", "reason": "a test", "quality": {}}
 
 
 async def until(changes, store, number: int) -> float:
@@ -73,9 +73,9 @@ async def test_activating_and_deleting_are_noticed(store, artifact, monkeypatch,
     async with aclosing(store.changes()) as changes, asyncio.timeout(5):
         await anext(changes)
         if act == "delete":
-            store.delete("reach", who="ada", why="")
+            store.delete("reach", author="ada", reason="")
         else:
-            store.activate("reach", 1, who="ada", why="")
+            store.activate("reach", 1, author="ada", reason="")
         await anext(changes)
 
 

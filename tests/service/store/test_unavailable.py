@@ -10,7 +10,7 @@ import pytest
 from service.store.store import Store, StoreUnavailable
 from tests.service.store.postgres import OTHERS
 
-WHY = {"who": "ada", "why": "a test", "quality": {}}
+WHY = {"author": "ada", "reason": "a test", "quality": {}}
 
 
 @contextmanager

@@ -238,7 +238,7 @@ class VersionAnswer(BaseModel):
     current: Annotated[bool, Field(description="Whether it is the one that is served.")]
     sha256: str
     bytes: int
-    author: Annotated[str, Field(description="Who published it.")]
+    author: Annotated[str, Field(description="Client or refinement that published it.")]
     reason: str
     created_at: Annotated[float, Field(description="Seconds since 1970.")]
     parent: Annotated[int | None, Field(description="The version that it was refined from.")]
@@ -265,7 +265,7 @@ class RefinementAnswer(BaseModel):
     id: str
     verb: str
     state: Literal["queued", "running", "published", "not_better", "failed", "cancelled", "given_up"]
-    request: Annotated[dict[str, Any], Field(description="What the refinement was started with, and its `author`.")]
+    request: Annotated[dict[str, Any], Field(description="Request of the refinement, with its defaults filled in.")]
     progress: Annotated[dict[str, Any], Field(description="`pseudo`, `error_mean`, `error_max`, and the `curve`.")]
     version_before: int | None
     version_after: int | None

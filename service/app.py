@@ -16,7 +16,7 @@ from service.http.guard import Guard, allowed_names
 from service.http.middleware import BodyLimit, Observe
 from service.http.routes import health, pages, poses, quality, refinements, verbs, versions
 from service.settings import Settings
-from service.state import Serving, Supervise
+from service.state import ServerState, Supervise
 from service.stream import endpoint
 
 __all__ = ["create_app"]
@@ -28,16 +28,16 @@ def create_app(
     on_ready: Callable[[Catalog], None] | None = None,
     supervise: Supervise | None = None,
 ) -> FastAPI:
-    """Make an app; ``on_ready`` and ``supervise`` are those of :class:`service.state.Serving`."""
-    serving = Serving(settings, on_ready=on_ready, supervise=supervise)
+    """Make an app; ``on_ready`` and ``supervise`` are those of :class:`service.state.ServerState`."""
+    state = ServerState(settings, on_ready=on_ready, supervise=supervise)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         del app
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(serving.open)
-            tasks.start_soon(serving.watch_loop)
-            tasks.start_soon(serving.hub.run)
+            tasks.start_soon(state.run)
+            tasks.start_soon(state.measure_lateness)
+            tasks.start_soon(state.hub.run)
             yield
             tasks.cancel_scope.cancel()
 
@@ -54,19 +54,19 @@ def create_app(
             "logs": False,
         },  # each asks for a provider at every request
         middleware=[
-            Middleware(Observe, metrics=serving.metrics),
+            Middleware(Observe, metrics=state.metrics),
             Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts)),
             Middleware(BodyLimit, limit=settings.max_body_bytes, others={"/v1/verbs": settings.max_upload_bytes}),
         ],
     )
-    app.state.serving = serving
+    app.state.server = state
     # Not include_router: it nests, and asking five routers for their match takes as long as blending the pose.
     routers = (
         *(poses.router, verbs.router, quality.router, versions.router, refinements.router),
         *(health.router, pages.router),
     )
     app.router.routes[:0] = [route for router in routers for route in router.routes]
-    app.router.routes.insert(0, endpoint.route(serving.hub))
+    app.router.routes.insert(0, endpoint.route(state.hub))
     errors.install(app)
     openapi.install(app)
     return app

@@ -1,10 +1,10 @@
-"""Every metric, declared at the top with help and unit; below it the calls that count.
+"""Prometheus metrics: declarations with help and unit, and the methods that update them.
 
-Labels are bounded: routes are those of the app or ``unmatched``, verbs those that are served or ``none``, methods
-those of the library or ``none``. A name that a client made up never becomes a label.
+Labels are bounded: routes of the app or ``unmatched``, served verbs or ``none``, methods of the library or ``none``.
+Names from clients never become labels.
 
-Where several processes serve as one, each keeps its numbers in files of a folder that ``PROMETHEUS_MULTIPROC_DIR``
-names, and any of them tells the sum; a gauge's ``multiprocess_mode`` says what its sum is. See
+With several server processes each writes its values to files of the folder in ``PROMETHEUS_MULTIPROC_DIR``, and any of
+them reports the total; ``multiprocess_mode`` of a gauge defines how values are combined. See
 :mod:`service.run.multiprocess`.
 """
 
@@ -37,11 +37,11 @@ _LATENESS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.1, 1.0)
 _STATS = {"examples_max": "error_examples_max_m", "mean": "error_mean_m", "max": "error_max_m"}
 """Label ``stat`` of the verbs' measured error, and where a verb's quality holds it."""
 
-prometheus_client.disable_created_metrics()  # type: ignore[no-untyped-call]  # a series per histogram that nobody reads
+prometheus_client.disable_created_metrics()  # type: ignore[no-untyped-call]  # they add a series per histogram
 
 
 class Metrics:
-    """The metrics of one app, in a registry of their own."""
+    """Metrics of one app, in a registry of its own."""
 
     def __init__(self) -> None:
         own = self.registry = CollectorRegistry()
@@ -51,31 +51,31 @@ class Metrics:
         self._cached: dict[tuple[str, str, str], Histogram] = {}
         self._requests_cached: dict[tuple[str, str, int], Counter] = {}
         self._poses_cached: dict[tuple[str, int, str], tuple[Histogram, Counter, Counter]] = {}
-        self._told = own
+        self._exported = own
         if folder := os.environ.get("PROMETHEUS_MULTIPROC_DIR"):
-            self._told = CollectorRegistry()
-            MultiProcessCollector(self._told, folder)  # type: ignore[no-untyped-call]
-            self._told.register(_Processes(Path(folder)))
+            self._exported = CollectorRegistry()
+            MultiProcessCollector(self._exported, folder)  # type: ignore[no-untyped-call]
+            self._exported.register(_Processes(Path(folder)))
         else:
             prometheus_client.ProcessCollector(registry=own)
-        prometheus_client.PlatformCollector(registry=self._told)
+        prometheus_client.PlatformCollector(registry=self._exported)
         self._refinements = _Refinements()
-        self._told.register(self._refinements)
+        self._exported.register(self._refinements)
 
     def _declare_requests(self, own: CollectorRegistry) -> None:
         self._duration = Histogram(
             "adverb_request_duration_seconds",
-            "Time from the request's head to the last byte of the answer, seconds.",
+            "Time from the request head to the last byte of the response, seconds.",
             ("route", "verb", "method"),
             buckets=_SECONDS,
             registry=own,
         )
         self._requests = Counter(
-            "adverb_requests_total", "Answered requests.", ("route", "http_method", "status"), registry=own
+            "adverb_requests_total", "Completed requests.", ("route", "http_method", "status"), registry=own
         )
         self._lateness = Histogram(
             "adverb_event_loop_lateness_seconds",
-            "How late the event loop is to a timer, seconds: what every request waits when something blocks it.",
+            "Delay of event loop timers, seconds; every request waits as long when the loop is blocked.",
             buckets=_LATENESS,
             registry=own,
         )
@@ -83,8 +83,8 @@ class Metrics:
     def _declare_verbs(self, own: CollectorRegistry) -> None:
         self._error = Histogram(
             "adverb_pose_error_meters",
-            "Distance between what poses were asked for and what they reach, metres (metres per second where a verb "
-            "is measured by velocity).",
+            "Distance between the goal and the measured result of poses, metres (metres per second for verbs that are "
+            "measured by velocity).",
             ("verb", "version", "method"),
             buckets=_METERS,
             registry=own,
@@ -92,27 +92,27 @@ class Metrics:
         self._poses = Counter("adverb_poses_total", "Evaluated poses.", ("verb", "method"), registry=own)
         self._clamped = Counter(
             "adverb_clamped_total",
-            "Poses whose adverbs were drawn back to the domain.",
+            "Poses whose adverbs were clamped to the domain.",
             ("verb",),
             registry=own,
         )
         self._version = Gauge(
             "adverb_verb_version",
-            "Version of the verb that is served.",
+            "Current version of the verb.",
             ("verb",),
             registry=own,
             multiprocess_mode="livemax",
         )
         self._verb_error = Gauge(
             "adverb_verb_error_meters",
-            "Error that was measured when the verb was built, metres (or metres per second).",
+            "Error measured when the verb was built, metres (or metres per second).",
             ("verb", "stat"),
             registry=own,
             multiprocess_mode="livemostrecent",
         )
         self._skipped = Gauge(
             "adverb_verb_files_skipped",
-            "Data files that cannot be served.",
+            "Files of the data folder that cannot be loaded.",
             registry=own,
             multiprocess_mode="livemax",
         )
@@ -120,45 +120,43 @@ class Metrics:
     def _declare_streams(self, own: CollectorRegistry) -> None:
         self._late = Histogram(
             "adverb_stream_lateness_seconds",
-            "Time from when a pose message was due to when it was handed to the socket, seconds.",
+            "Delay from the due time of a pose message to its write to the socket, seconds.",
             buckets=_LATENESS,
             registry=own,
         )
-        self._frames = Counter("adverb_stream_frames_total", "Pose messages that were sent.", registry=own)
+        self._frames = Counter("adverb_stream_frames_total", "Pose messages sent.", registry=own)
         self._dropped = Counter(
             "adverb_stream_frames_dropped_total",
-            "Pose messages that were due and not sent: the client did not read, or the server was too slow.",
+            "Pose messages that were due but not sent, because the client or the server was too slow.",
             registry=own,
         )
-        self._streams = Gauge(
-            "adverb_streams", "Streams that are connected.", registry=own, multiprocess_mode="livesum"
-        )
+        self._streams = Gauge("adverb_streams", "Connected streams.", registry=own, multiprocess_mode="livesum")
         self._channels = Gauge(
-            "adverb_channels", "Characters of all streams.", registry=own, multiprocess_mode="livesum"
+            "adverb_channels", "Open channels (characters) of all streams.", registry=own, multiprocess_mode="livesum"
         )
 
     def text(self) -> bytes:
-        """All metrics in Prometheus' text form, those of all processes together; some milliseconds of work."""
-        return prometheus_client.generate_latest(self._told)
+        """All metrics of all processes in the Prometheus text format; takes some milliseconds."""
+        return prometheus_client.generate_latest(self._exported)
 
-    def answered(self, route: str, http_method: str, status: int) -> None:
-        """Count one answered request."""
+    def count_request(self, route: str, http_method: str, status: int) -> None:
+        """Count a completed request."""
         key = (route, http_method, status)
         child = self._requests_cached.get(key)
         if child is None:
             child = self._requests_cached[key] = self._requests.labels(route, http_method, str(status))
         child.inc()
 
-    def took(self, route: str, verb: str, method: str, seconds: float) -> None:
-        """Record how long a request took."""
+    def observe_request(self, route: str, verb: str, method: str, seconds: float) -> None:
+        """Observe the duration of a request."""
         key = (route, verb, method)
         child = self._cached.get(key)
         if child is None:
             child = self._cached[key] = self._duration.labels(*key)
         child.observe(seconds)
 
-    def evaluated(self, entry: Entry, blend: Blend, poses: int) -> None:
-        """Record poses that were evaluated; a sequence at constant adverbs has one blend for all of its poses."""
+    def count_poses(self, entry: Entry, blend: Blend, poses: int) -> None:
+        """Count evaluated poses and observe their errors; a sequence at constant adverbs has a single blend."""
         key = (entry.verb.name, entry.version, blend.method)
         children = self._poses_cached.get(key)
         if children is None:
@@ -180,8 +178,8 @@ class Metrics:
         _observe_many(error, blend.error[np.isfinite(blend.error)])
         clamped.inc(int(np.count_nonzero(blend.clamped)))
 
-    def serving(self, catalog: Catalog) -> None:
-        """Say which verbs are served."""
+    def set_verbs(self, catalog: Catalog) -> None:
+        """Set the versions and errors of the served verbs."""
         self._skipped.set(len(catalog.skipped))
         for name, entry in catalog.entries.items():
             self._version.labels(name).set(entry.version)
@@ -192,8 +190,8 @@ class Metrics:
                 if isinstance(value, int | float):
                     self._verb_error.labels(name, stat).set(value)
 
-    def posted(self, sent: int, dropped: int, late_s: float) -> None:
-        """Count the pose messages of one tick, and how late its last one was."""
+    def count_messages(self, sent: int, dropped: int, late_s: float) -> None:
+        """Count the pose messages of one tick, and observe the delay of its last one."""
         if dropped:
             self._dropped.inc(dropped)
         if sent:
@@ -201,26 +199,26 @@ class Metrics:
             self._late._buckets[bisect_left(self._late._upper_bounds, late_s)].inc(sent)
             self._late._sum.inc(sent * late_s)
 
-    def missed(self, messages: int) -> None:
-        """Count pose messages that were due while the server was too slow."""
+    def count_skipped(self, messages: int) -> None:
+        """Count pose messages that were skipped because the server was too slow."""
         self._dropped.inc(messages)
 
-    def streaming(self, streams: int, channels: int) -> None:
-        """Say how many streams and characters there are."""
+    def set_streams(self, streams: int, channels: int) -> None:
+        """Set the number of streams and of characters."""
         self._streams.set(streams)
         self._channels.set(channels)
 
-    def refining(self, ended: Mapping[tuple[str, str], int], running: Mapping[str, float]) -> None:
-        """Say how many refinements ended, by verb and outcome, and how far those are that run, by verb."""
+    def set_refinements(self, ended: Mapping[tuple[str, str], int], running: Mapping[str, float]) -> None:
+        """Set the number of ended refinements by verb and outcome, and the progress of running ones by verb."""
         self._refinements.ended, self._refinements.running = ended, running
 
-    def loop_was_late(self, seconds: float) -> None:
-        """Record how late the event loop came to a timer."""
+    def observe_lateness(self, seconds: float) -> None:
+        """Observe the delay of an event loop timer."""
         self._lateness.observe(seconds)
 
 
 class _Refinements(Collector):
-    """What the store knows of refinements: every process and every server tells the same, so they are not added up."""
+    """Refinements in the store: every process and server reports the same values, so they are not added up."""
 
     def __init__(self) -> None:
         self.ended: Mapping[tuple[str, str], int] = {}
@@ -228,13 +226,11 @@ class _Refinements(Collector):
 
     def collect(self) -> Iterable[Metric]:
         """A counter and a gauge."""
-        ended = CounterMetricFamily(
-            "adverb_refinements", "Refinements that ended, in the whole store.", labels=("verb", "outcome")
-        )
+        ended = CounterMetricFamily("adverb_refinements", "Ended refinements in the store.", labels=("verb", "outcome"))
         for labels, count in self.ended.items():
             ended.add_metric(labels, count)
         running = GaugeMetricFamily(
-            "adverb_refinement_progress_ratio", "How far a refinement is that runs, 0 to 1.", labels=("verb",)
+            "adverb_refinement_progress_ratio", "Progress of the running refinement, 0 to 1.", labels=("verb",)
         )
         for verb, ratio in self.running.items():
             running.add_metric((verb,), ratio)
@@ -242,19 +238,19 @@ class _Refinements(Collector):
 
 
 class _Processes(Collector):
-    """Memory, processor time and files of each process that serves, told apart by the label ``process``."""
+    """Memory, processor time and open files of each server process, with the label ``process``."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def collect(self) -> Iterable[Metric]:
-        """What ``/proc`` tells of the processes whose numbers lie in the folder's ``*.pid``."""
+        """Values from ``/proc`` for the processes whose ids are in the ``*.pid`` files of the folder."""
         families: dict[str, Metric] = {}
         for file in sorted(self._folder.glob("*.pid")):
             try:
                 pid = file.read_text(encoding="ascii")
             except FileNotFoundError:
-                continue  # it just ended
+                continue  # the process has just ended
             for found in prometheus_client.ProcessCollector(pid=lambda pid=pid: pid, registry=None).collect():  # type: ignore[misc]
                 family = families.setdefault(found.name, Metric(found.name, found.documentation, found.type))
                 for sample in found.samples:
@@ -265,8 +261,8 @@ class _Processes(Collector):
 def _observe_many(histogram: Histogram, values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:
     """Observe many values at once.
 
-    A thousand calls of ``observe`` take a millisecond. prometheus_client offers no other, so this adds to the
-    histogram's own cells, as ``observe`` does; a test compares the two.
+    A thousand calls of ``observe`` take a millisecond. prometheus_client has no batch call, so this increments the
+    private buckets of the histogram, as ``observe`` does; a test compares the two.
     """
     if not len(values):
         return

@@ -15,23 +15,23 @@ from types import MappingProxyType
 import structlog
 
 from service.catalog.catalog import Catalog, Entry, Skipped, files_of, skipped
-from service.compute import aside
+from service.compute import run_in_thread
 from service.store.records import Conflict, StoreError, StoreUnavailable, UnknownVerb, Version
 from service.store.store import Store
 from verbs.errors import VerbError
 from verbs.io import artifact
 
-__all__ = ["Keeper"]
+__all__ = ["StoreSync"]
 
 FILES = "a file"
 """Who published what was found as a file."""
 
 ATTEMPTS = 5
 
-log = structlog.get_logger("adverb.keeping")
+log = structlog.get_logger("adverb.catalog")
 
 
-class Keeper:
+class StoreSync:
     """Keeps a catalog in step with a store.
 
     Parameters
@@ -66,13 +66,13 @@ class Keeper:
         for name, version in pointers.items():
             known = entries.get(name)
             if known is None or known.version != version.number:
-                self._renew(entries, name, version)
+                self._update(entries, name, version)
         wrong = tuple(self._wrong.values())
         if entries == catalog.entries and wrong == catalog.skipped:
             return catalog
         return Catalog(MappingProxyType(dict(sorted(entries.items()))), wrong)
 
-    def _renew(self, entries: dict[str, Entry], name: str, version: Version) -> None:
+    def _update(self, entries: dict[str, Entry], name: str, version: Version) -> None:
         """Load one version; where it cannot be loaded, what was served goes on being served."""
         try:
             path = self.store.path(version)
@@ -104,13 +104,13 @@ class Keeper:
         except UnknownVerb:
             return set()
 
-    async def follow(self, current: Callable[[], Catalog], offer: Callable[[Catalog], None]) -> None:
+    async def follow(self, current: Callable[[], Catalog], set_catalog: Callable[[Catalog], None]) -> None:
         """Offer a new catalog, for ever, whenever pointers change."""
         away = False
         async for _ in self.store.changes():
             was = current()
             try:
-                now = await aside(partial(self.refresh, was))
+                now = await run_in_thread(partial(self.refresh, was))
             except StoreError as err:
                 if not away:
                     log.warning("store unavailable; verbs are served as they were", problem=str(err))
@@ -120,7 +120,7 @@ class Keeper:
                 log.info("store is back")
             away = False
             if now is not was:
-                offer(now)
+                set_catalog(now)
 
 
 def _label(version: Version) -> str:

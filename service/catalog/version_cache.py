@@ -1,4 +1,4 @@
-"""Versions that are kept but not served by default, loaded when somebody asks for one."""
+"""Cache of versions that are not current, loaded when a request names one."""
 
 from __future__ import annotations
 
@@ -6,41 +6,42 @@ from collections import OrderedDict
 from functools import partial
 
 from service.catalog.catalog import Entry
-from service.catalog.store_sync import Keeper
-from service.compute import aside
+from service.catalog.store_sync import StoreSync
+from service.compute import run_in_thread
 from verbs.errors import UnknownName
 from verbs.io import artifact
 
-__all__ = ["Past"]
+__all__ = ["VersionCache"]
 
-KEPT = 8
+CACHED = 8
+"""Versions that stay loaded."""
 
 
-class Past:
-    """The versions that were asked for last."""
+class VersionCache:
+    """The most recently requested versions, at most :data:`CACHED` of all verbs together."""
 
     def __init__(self) -> None:
         self._entries: OrderedDict[tuple[str, int], Entry] = OrderedDict()
 
-    async def entry(self, keeper: Keeper | None, current: Entry, number: int | None) -> Entry:
-        """A version of a verb; raises :class:`UnknownName` with the ones that there are."""
+    async def get(self, sync: StoreSync | None, current: Entry, number: int | None) -> Entry:
+        """A version of a verb, the current one where ``number`` is None; raises :class:`UnknownName`."""
         if number is None or number == current.version:
             return current
-        if keeper is None:
+        if sync is None:
             raise UnknownName("version", str(number), (str(current.version),))
         key = current.verb.name, number
         found = self._entries.get(key)
         if found is None:
-            found = self._entries[key] = await aside(partial(_load, keeper, *key))
+            found = self._entries[key] = await run_in_thread(partial(_load, sync, *key))
         self._entries.move_to_end(key)
-        while len(self._entries) > KEPT:
+        while len(self._entries) > CACHED:
             self._entries.popitem(last=False)
         return found
 
 
-def _load(keeper: Keeper, name: str, number: int) -> Entry:
-    versions = {version.number: version for version in keeper.store.versions(name)}
+def _load(sync: StoreSync, name: str, number: int) -> Entry:
+    versions = {version.number: version for version in sync.store.versions(name)}
     if number not in versions:
         raise UnknownName("version", str(number), [str(known) for known in sorted(versions)])
-    path = keeper.store.path(versions[number])
+    path = sync.store.path(versions[number])
     return Entry.of_verb(artifact.load(path), path=path, version=number)

@@ -6,15 +6,15 @@ from starlette.requests import Request
 
 from service.catalog.catalog import Entry
 from service.http.middleware import SCOPE_KEY, Trace
-from service.state import Serving
+from service.state import ServerState
 
-__all__ = ["served", "serving_of", "trace_of"]
+__all__ = ["served", "state_of", "trace_of"]
 
 
-def serving_of(request: Request) -> Serving:
+def state_of(request: Request) -> ServerState:
     """State of the server that answers a request."""
-    serving: Serving = request.scope["app"].state.serving
-    return serving
+    state: ServerState = request.scope["app"].state.server
+    return state
 
 
 def trace_of(request: Request) -> Trace:
@@ -23,7 +23,7 @@ def trace_of(request: Request) -> Trace:
     return trace
 
 
-def served(request: Request, name: str) -> tuple[Serving, Entry]:
+def served(request: Request, name: str) -> tuple[ServerState, Entry]:
     """State and current version of a verb; labels the request with the verb's name.
 
     Raises
@@ -31,7 +31,7 @@ def served(request: Request, name: str) -> tuple[Serving, Entry]:
     UnknownName
         There is no such verb.
     """
-    serving = serving_of(request)
-    entry = serving.current().entry(name)
+    state = state_of(request)
+    entry = state.current().entry(name)
     trace_of(request).verb = entry.verb.name
-    return serving, entry
+    return state, entry

@@ -13,7 +13,7 @@ from service.catalog.catalog import Entry
 from service.errors import BadBody, BatchTooLarge
 from service.http.request_models import BatchRequest, Options, PoseRequest, SequenceRequest
 from service.http.response_json import Evaluated, Motion
-from service.state import Serving
+from service.state import ServerState
 from verbs.conventions import F64
 from verbs.errors import OutOfRange, RequestError
 from verbs.runtime import describe, error_bound
@@ -45,7 +45,7 @@ class Batch:
     given_time: bool
 
 
-async def pose(serving: Serving, entry: Entry, asked: PoseRequest) -> Evaluated:
+async def pose(state: ServerState, entry: Entry, asked: PoseRequest) -> Evaluated:
     """One pose; on the event loop, unless it has a long way to walk."""
     entry.check(method=asked.method)
     evaluator, joints = entry.evaluator, entry.joints(asked.joints)
@@ -64,17 +64,17 @@ async def pose(serving: Serving, entry: Entry, asked: PoseRequest) -> Evaluated:
     cost = 0.0
     if entry.verb.looping:
         cost = entry.cost_us(1, asked.phase or (asked.time or 0.0) / entry.shortest_s)
-    found = await serving.pool.run(cost, work)
-    serving.metrics.evaluated(entry, found.poses.blend, 1)
+    found = await state.pool.run(cost, work)
+    state.metrics.count_poses(entry, found.poses.blend, 1)
     return found
 
 
-def json_batch(serving: Serving, asked: BatchRequest, query: Mapping[str, Any]) -> Batch:
+def json_batch(state: ServerState, asked: BatchRequest, query: Mapping[str, Any]) -> Batch:
     """Poses of a JSON body."""
     given = [name for name, value in query.items() if value is not None]
     if given:
         raise RequestError(f"'{given[0]}' stands in the query; with a JSON body, give it in the body")
-    _check_size(len(asked.items), serving.settings.max_batch_json, "in JSON; send rows of float32 for more")
+    _check_size(len(asked.items), state.settings.max_batch_json, "in JSON; send rows of float32 for more")
     timed = {item.get("time") is not None for item in asked.items}
     phased = any(item.get("phase") is not None for item in asked.items)
     if len(timed) == 2 or (True in timed and phased):
@@ -85,7 +85,7 @@ def json_batch(serving: Serving, asked: BatchRequest, query: Mapping[str, Any]) 
     return Batch(asked, [item["adverbs"] for item in asked.items], np.array(at, np.float64), times)
 
 
-def binary_batch(serving: Serving, entry: Entry, content: bytes, query: Mapping[str, Any]) -> Batch:
+def binary_batch(state: ServerState, entry: Entry, content: bytes, query: Mapping[str, Any]) -> Batch:
     """Poses of a binary body: rows of adverbs and phase."""
     names = [adverb.name for adverb in entry.verb.adverbs]
     width = len(names) + 1
@@ -95,13 +95,13 @@ def binary_batch(serving: Serving, entry: Entry, content: bytes, query: Mapping[
             f"{4 * width} bytes each: {', '.join(names)}, phase"
         )
     count = len(content) // (4 * width)
-    _check_size(count, serving.settings.max_batch, "")
+    _check_size(count, state.settings.max_batch, "")
     rows = np.frombuffer(content, "<f4").reshape(count, width).astype(np.float64)
     options = Options(**{name: value for name, value in query.items() if value is not None})
     return Batch(options, np.ascontiguousarray(rows[:, :-1]), np.ascontiguousarray(rows[:, -1]), False)
 
 
-async def poses(serving: Serving, entry: Entry, batch: Batch) -> Evaluated:
+async def poses(state: ServerState, entry: Entry, batch: Batch) -> Evaluated:
     """A batch of poses in one call of the library; a long one in a thread."""
     options, evaluator = batch.options, entry.evaluator
     entry.check(method=options.method)
@@ -114,16 +114,16 @@ async def poses(serving: Serving, entry: Entry, batch: Batch) -> Evaluated:
         return Evaluated(found, *describe.in_space(evaluator, found, options.space, joints))
 
     cycles = _cycles(entry, batch)
-    found = await serving.pool.run(entry.cost_us(len(batch.at), cycles) + 4.0 * len(batch.at) * named, work)
-    serving.metrics.evaluated(entry, found.poses.blend, len(batch.at))
+    found = await state.pool.run(entry.cost_us(len(batch.at), cycles) + 4.0 * len(batch.at) * named, work)
+    state.metrics.count_poses(entry, found.poses.blend, len(batch.at))
     return found
 
 
-async def sequence(serving: Serving, entry: Entry, asked: SequenceRequest) -> Motion:
+async def sequence(state: ServerState, entry: Entry, asked: SequenceRequest) -> Motion:
     """A whole motion; a long one in a thread."""
     entry.check(method=asked.method)
     evaluator, joints = entry.evaluator, entry.joints(asked.joints)
-    limit = serving.settings.max_sequence_frames
+    limit = state.settings.max_sequence_frames
 
     def work() -> Motion:
         found = _frames(entry, asked, limit)
@@ -133,19 +133,19 @@ async def sequence(serving: Serving, entry: Entry, asked: SequenceRequest) -> Mo
         return Motion(shown, asked.fps, whole, events, tracked=asked.track is not None)
 
     frames = asked.fps * entry.longest_s * asked.cycles * (1 if asked.track is None else 3)
-    motion = await serving.pool.run(entry.cost_us(int(frames), float(asked.cycles)), work)
-    serving.metrics.evaluated(entry, motion.frames.poses.blend, len(motion.frames.turns))
+    motion = await state.pool.run(entry.cost_us(int(frames), float(asked.cycles)), work)
+    state.metrics.count_poses(entry, motion.frames.poses.blend, len(motion.frames.turns))
     return motion
 
 
-async def records(serving: Serving, entry: Entry, found: Evaluated, *, crowd: bool) -> bytes:
+async def records(state: ServerState, entry: Entry, found: Evaluated, *, crowd: bool) -> bytes:
     """Binary records: of a crowd, one channel each; else of one character over time, the last one flagged."""
 
     def work() -> bytes:
         channels = np.arange(len(found.turns)) % 65_536 if crowd else 0
         return wire.encode(found.poses, found.turns, entry.version, channels=channels, ended=not crowd).tobytes()
 
-    return await serving.pool.run(0.01 * found.turns.size, work)
+    return await state.pool.run(0.01 * found.turns.size, work)
 
 
 def _frames(entry: Entry, asked: SequenceRequest, limit: int) -> Poses:

@@ -70,8 +70,8 @@ class Observe:
             await errors.response_of(err)(scope, receive, sending)
         finally:
             route = getattr(scope.get("route"), "path", UNMATCHED)
-            self.metrics.took(route, trace.verb, trace.method, time.perf_counter() - started)
-            self.metrics.answered(route, _known_method(scope["method"]), status)
+            self.metrics.observe_request(route, trace.verb, trace.method, time.perf_counter() - started)
+            self.metrics.count_request(route, _known_method(scope["method"]), status)
 
 
 class BodyLimit:

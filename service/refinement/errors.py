@@ -1,10 +1,10 @@
-"""What can go wrong around refinement jobs, in one tree; the store's own errors come through besides.
+"""Errors of refinement jobs; errors of the store pass through unchanged.
 
 ::
 
     JobError
     ├── AlreadyRunning    a job for this verb is queued or running (verb, job)
-    └── ExecutorInUse     another worker runs under this executor id (executor_id)
+    └── ExecutorInUse     another worker uses this executor id (executor_id)
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ __all__ = ["AlreadyRunning", "ExecutorInUse", "JobError"]
 
 
 class JobError(Exception):
-    """Root of what goes wrong around refinement jobs."""
+    """Root of the errors of refinement jobs."""
 
 
 class AlreadyRunning(JobError):
@@ -25,7 +25,7 @@ class AlreadyRunning(JobError):
 
 
 class ExecutorInUse(JobError):
-    """Another live worker runs under this ``executor_id``."""
+    """Another live worker uses this ``executor_id``."""
 
     def __init__(self, executor_id: str) -> None:
         self.executor_id = executor_id

@@ -1,4 +1,4 @@
-"""What a refinement job is asked for."""
+"""Parameters of a refinement job."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import Any
 from verbs.errors import OutOfRange, UnknownName
 from verbs.refine import Rules
 
-__all__ = ["METHODS", "Asked"]
+__all__ = ["METHODS", "RefinementSpec"]
 
 METHODS = ("refined", "hybrid")
-"""Methods that a refined basis serves, and by which a job can be judged."""
+"""Methods that use a refined basis; results are compared by one of them."""
 
 MAX_BUDGET_S = 7 * 24 * 3600.0
 
 PRIORITIES = (1, 100)
-"""The most and the least urgent."""
+"""Highest and lowest priority."""
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What a refinement job is asked for.
+class RefinementSpec:
+    """Parameters of a refinement job.
 
     Parameters
     ----------
@@ -32,16 +32,16 @@ class Asked:
     max_pseudo : int
         Number of pseudo-examples at which to stop.
     budget_s : float
-        Computing time after which to stop, seconds: that of finished steps, on all workers together.
+        Computing time after which to stop, seconds: the sum over finished steps on all workers.
     method : str
-        Method by which the result is judged, of :data:`METHODS`; the refined basis is the same for both.
+        Method by which the result is compared, one of :data:`METHODS`; the refined basis is the same for both.
     weighted_by_traffic : bool
-        Whether every second pseudo-example goes to the worst of the places where the verb has been asked for, and the
-        result is judged on such places too.
+        Whether every second pseudo-example is placed by the recorded usage of the verb, and half of the held-out points
+        are sampled from it.
     seed : int
-        What search points and held-out points are drawn from.
+        Seed of search points and held-out points.
     priority : int
-        1 is served first, 100 last.
+        1 (first) to 100 (last).
     """
 
     target_error: float = 0.01
@@ -59,25 +59,25 @@ class Asked:
             raise OutOfRange(f"budget_s is {self.budget_s}; it must be positive and at most {MAX_BUDGET_S:.0f}")
         if not PRIORITIES[0] <= self.priority <= PRIORITIES[1]:
             raise OutOfRange(f"priority is {self.priority}; it must lie between {PRIORITIES[0]} and {PRIORITIES[1]}")
-        assert self.rules is not None  # which checks the rest
+        assert self.rules is not None  # checks the other fields
 
     @property
     def rules(self) -> Rules:
-        """Rules of the refinement; raises :class:`OutOfRange` where a number is out of its bounds."""
+        """Rules of the refinement; raises :class:`OutOfRange` if a number is out of range."""
         return Rules(target_error=self.target_error, max_pseudo=self.max_pseudo, seed=self.seed)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """JSON values."""
         return asdict(self)
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Asked:
-        """From JSON values; raises :class:`UnknownName` for a name that there is not."""
+    def from_json(cls, values: Mapping[str, Any]) -> RefinementSpec:
+        """Read JSON values; raises :class:`UnknownName` or :class:`OutOfRange`."""
         known = {field.name: type(field.default) for field in fields(cls)}
         for name, value in values.items():
             if name not in known:
                 raise UnknownName("field", name, known)
             kinds = (int, float) if known[name] is float else (known[name],)
-            if type(value) not in kinds:  # true is no number
+            if type(value) not in kinds:  # excludes bool from numbers
                 raise OutOfRange(f"{name} is {value!r:.40}; it must be of the type {known[name].__name__}")
         return cls(**values)

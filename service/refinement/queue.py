@@ -1,4 +1,4 @@
-"""What servers do with refinement jobs: start, look, cancel. All methods block; call them from a thread."""
+"""The queue of refinement jobs, for servers: start, list and cancel jobs. All methods block."""
 
 from __future__ import annotations
 
@@ -13,37 +13,37 @@ from dbos import DBOSClient, EnqueueOptions
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
-from service.refinement import engine
+from service.refinement import dbos_setup
 from service.refinement.errors import AlreadyRunning
-from service.refinement.job_spec import Asked
+from service.refinement.job_spec import RefinementSpec
 from service.store.records import ENDED, Job, JobEnded, StoreUnavailable, UnknownVerb
 from service.store.store import Store
 
 __all__ = ["Refinements", "enqueue"]
 
-LISTED = 100
-"""Newest jobs of a verb among which one that runs is looked for."""
+MAX_LISTED = 100
+"""Newest jobs of a verb that are searched for an unfinished one."""
 
 
 def enqueue(client: DBOSClient, job: Job) -> None:
-    """Put a job into the queue; nothing happens where it was there before."""
+    """Add a job to the queue; a job that is queued already is left alone."""
     options: EnqueueOptions = {
-        "workflow_name": engine.WORKFLOW,
-        "queue_name": engine.QUEUE,
+        "workflow_name": dbos_setup.WORKFLOW,
+        "queue_name": dbos_setup.QUEUE,
         "workflow_id": job.id,
-        "app_version": engine.VERSION,
+        "app_version": dbos_setup.VERSION,
         "priority": int(job.request["priority"]),
     }
     client.enqueue(options, job.id)
 
 
 class Refinements:
-    """Refinement jobs, as servers see them; nothing is computed here.
+    """Refinement jobs of a store; workers run them.
 
     Parameters
     ----------
     database_url : str
-        The store's.
+        Database of the store.
     store : Store
     """
 
@@ -53,7 +53,13 @@ class Refinements:
         self._lock = threading.Lock()
 
     def start(
-        self, verb: str, version: int | None, asked: Asked | Mapping[str, Any], author: str, *, force: bool = False
+        self,
+        verb: str,
+        version: int | None,
+        spec: RefinementSpec | Mapping[str, Any],
+        author: str,
+        *,
+        force: bool = False,
     ) -> Job:
         """Queue a refinement of a version of a verb, by default of the current one.
 
@@ -61,36 +67,36 @@ class Refinements:
         ----------
         verb : str
         version : int or None
-        asked : Asked or mapping
+        spec : RefinementSpec or mapping
         author : str
-            Who requests it, for the record.
+            Author of the job, up to 200 characters.
         force : bool
-            Whether to do so although the verb is being refined.
+            Whether to queue it even if another job of the verb is unfinished.
 
         Raises
         ------
         AlreadyRunning
-            The verb is being refined.
+            Another job of the verb is queued or running.
         UnknownVerb, UnknownVersion
             There is no such verb or version.
         UnknownName, OutOfRange
-            Something is asked for that there is not.
+            A parameter is unknown or out of range.
         StoreUnavailable
-            The database cannot be reached. Where the job was written down before, a worker finds it.
+            The database cannot be reached. A job that was stored before the failure is queued by a worker.
         """
-        asked = asked if isinstance(asked, Asked) else Asked.of(asked)
+        spec = spec if isinstance(spec, RefinementSpec) else RefinementSpec.from_json(spec)
         number = self._number(verb, version)
         if not force:
             self._refuse_second(verb)
-        job = self._added(verb, number, asked, author)
+        job = self._add(verb, number, spec, author)
         if not force:
             self._refuse_second(verb, job)
-        with self._reached() as client:
+        with self._connected() as client:
             enqueue(client, job)
         return job
 
     def cancel(self, id: str, *, author: str = "") -> Job:
-        """Cancel a job: at once where it is queued, else before its next step. One that has ended stays as it is.
+        """Cancel a job: immediately if it is queued, else before its next step. An ended job is unchanged.
 
         Raises :class:`UnknownJob` or :class:`StoreUnavailable`.
         """
@@ -100,10 +106,10 @@ class Refinements:
         by = f" by {author}" if author else ""
         try:
             cancelled = self._store.update_job(id, state="cancelled", detail=f"cancelled{by}")
-        except JobEnded:  # its last step was faster
+        except JobEnded:  # it ended meanwhile
             return self._store.job(id)
         if job.state == "queued":
-            with self._reached() as client:
+            with self._connected() as client:
                 client.cancel_workflow(id)
         return cancelled
 
@@ -123,7 +129,7 @@ class Refinements:
             self._client = None
 
     def _number(self, verb: str, version: int | None) -> int:
-        """Number of a version that there is."""
+        """Number of an existing version, by default the current one."""
         if version is not None:
             return self._store.version(verb, version).number
         current = self._store.current()
@@ -131,34 +137,34 @@ class Refinements:
             raise UnknownVerb(verb, current)
         return current[verb].number
 
-    def _added(self, verb: str, number: int, asked: Asked, author: str) -> Job:
-        """A new job, written down."""
+    def _add(self, verb: str, number: int, spec: RefinementSpec, author: str) -> Job:
+        """Store a new job."""
         now_s = time.time()
         job = Job(
-            id=uuid.uuid4().hex, verb=verb, state="queued", request=asked.as_dict() | {"author": author}, progress={},
+            id=uuid.uuid4().hex, verb=verb, state="queued", request=spec.to_json() | {"author": author}, progress={},
             reaps=0, version_before=number, version_after=None, detail="", created_at_s=now_s, updated_at_s=now_s,
         )  # fmt: skip
         self._store.add_job(job)
         return job
 
-    def _refuse_second(self, verb: str, mine: Job | None = None) -> None:
-        """Raise :class:`AlreadyRunning` where another job of a verb lives; of two new ones the older wins."""
-        for job in self._store.jobs(verb=verb, limit=LISTED):
-            if job.state in ENDED or (mine and (job.created_at_s, job.id) >= (mine.created_at_s, mine.id)):
+    def _refuse_second(self, verb: str, new: Job | None = None) -> None:
+        """Raise :class:`AlreadyRunning` if another job of the verb is unfinished; the older of two new ones wins."""
+        for job in self._store.jobs(verb=verb, limit=MAX_LISTED):
+            if job.state in ENDED or (new and (job.created_at_s, job.id) >= (new.created_at_s, new.id)):
                 continue
-            if mine:
-                with suppress(JobEnded):  # somebody cancelled it by then
-                    self._store.update_job(mine.id, state="cancelled", detail=f"job {job.id} was faster")
+            if new:
+                with suppress(JobEnded):  # it was cancelled meanwhile
+                    self._store.update_job(new.id, state="cancelled", detail=f"job {job.id} started first")
             raise AlreadyRunning(verb, job.id)
 
     @contextmanager
-    def _reached(self) -> Iterator[DBOSClient]:
-        """The queue, made where it is not there; failures to reach it are :class:`StoreUnavailable`."""
+    def _connected(self) -> Iterator[DBOSClient]:
+        """A client of the queue, which is created if missing; connection failures raise :class:`StoreUnavailable`."""
         try:
             with self._lock:
                 if self._client is None:
-                    engine.prepare(self._url)
-                    self._client = engine.connect(self._url)
+                    dbos_setup.prepare(self._url)
+                    self._client = dbos_setup.connect(self._url)
             yield self._client
         except (DBAPIError, PoolTimeout) as err:
-            raise StoreUnavailable(f"the queue of jobs cannot be reached ({type(err).__name__})") from err
+            raise StoreUnavailable(f"the job queue cannot be reached ({type(err).__name__})") from err

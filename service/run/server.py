@@ -78,7 +78,7 @@ def run(settings: Settings, listener: socket.socket, *, on_ready: Callable[[Cata
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)
     with listener:
-        server = Server(config_of(app, settings), app.state.serving.hub)
+        server = Server(config_of(app, settings), app.state.server.hub)
         server.run(sockets=[listener])
     if server.failed:
         raise CannotServe("verbs cannot be loaded and kept up to date; the log says why")

@@ -1,4 +1,4 @@
-"""Where artifacts lie: immutable blobs ``<sha256>.verb`` in a folder, or in an object store behind a local cache."""
+"""Storage of artifacts: immutable blobs ``<sha256>.verb`` in a folder, or in an object store with a local cache."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["Blob", "Blobs", "Bucket", "Folder", "open_blobs"]
 
 SCHEMES = ("s3", "gs", "az", "memory")
-"""Object stores that :func:`open_blobs` knows; all need the extra ``s3``."""
+"""Schemes of object stores; all need the extra ``s3``."""
 
 CHUNK_BYTES = 1024 * 1024
 
@@ -37,7 +37,7 @@ At = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Blob:
-    """A file of the store; ``sha256`` is None for the temporary file of a publisher that did not finish."""
+    """A file of the storage; ``sha256`` is None for temporary files."""
 
     name: str
     sha256: str | None
@@ -46,43 +46,43 @@ class Blob:
 
 
 class Blobs(Protocol):
-    """A place for artifacts."""
+    """Storage of artifacts."""
 
     def put(self, source: Path, at: At) -> Blob:
-        """Copy a file into the place, whole or not at all; ``at`` is told each step."""
+        """Copy a file into the storage atomically; ``at`` is called before each step."""
         ...
 
     def has(self, sha256: str) -> bool:
-        """Whether a blob is there."""
+        """Whether a blob exists."""
         ...
 
     def path(self, sha256: str) -> Path:
-        """A local file with a blob's bytes, checked; raises :class:`ArtifactMissing`."""
+        """A local file with a blob, checked against its hash; raises :class:`ArtifactMissing`."""
         ...
 
     def listing(self) -> list[Blob]:
-        """Every file of the store, temporary ones too; foreign files are not listed."""
+        """All blobs and temporary files; other files are ignored."""
         ...
 
     def remove(self, blobs: Iterable[Blob]) -> None:
-        """Remove files; those that are gone already do not matter."""
+        """Remove files; missing ones are ignored."""
         ...
 
     @property
     def cache(self) -> Folder | None:
-        """The folder of copies, where the blobs themselves are elsewhere."""
+        """Local folder of copies, for object stores."""
         ...
 
 
 def open_blobs(address: str, *, cache: Path | None = None) -> Blobs:
-    """The place that an address names: a folder, ``file://…`` or ``s3://bucket/prefix`` (also gs, az, memory).
+    """Open the storage at an address: a folder, ``file://…`` or ``s3://bucket/prefix`` (also gs, az, memory).
 
     Raises
     ------
     BadAddress
-        Its scheme is unknown, or needs a package that is not installed.
+        The scheme is unknown, or needs a package that is not installed.
     StoreUnavailable
-        The folder cannot be made.
+        The folder cannot be created.
     """
     scheme, colon, _ = address.partition("://")
     if not colon:
@@ -91,7 +91,7 @@ def open_blobs(address: str, *, cache: Path | None = None) -> Blobs:
         return Folder(Path(unquote(urlsplit(address).path)))
     if scheme not in SCHEMES:
         known = ", ".join(f"{name}://" for name in ("file", *SCHEMES))
-        raise BadAddress(f"artifacts lie in a folder or at {known}, not at '{scheme:.40}://'")
+        raise BadAddress(f"artifacts are stored in a folder or at {known}, not at '{scheme:.40}://'")
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return Bucket(_object_store(address), Folder(cache or home / "adverb"))
 
@@ -102,7 +102,7 @@ class Folder:
     Parameters
     ----------
     root : Path
-        Made where it is not there. Raises :class:`StoreUnavailable` where it cannot be.
+        Created if missing; raises :class:`StoreUnavailable` if it cannot be.
     """
 
     cache: Folder | None = None
@@ -110,14 +110,14 @@ class Folder:
     def __init__(self, root: Path) -> None:
         self.root = root.absolute()
         self._checked: dict[str, tuple[int, int, int]] = {}
-        with _reached("the artifacts' folder cannot be made"):
+        with _translated("the artifact folder cannot be created"):
             self.root.mkdir(parents=True, exist_ok=True)
 
     def put(self, source: Path, at: At) -> Blob:
-        """Copy a file: temporary name, fsync, rename to its hash, fsync of the folder. Nothing half can be seen.
+        """Copy a file atomically: temporary name, fsync, rename to its hash, fsync of the folder.
 
-        Raises :class:`ArtifactError` where the source cannot be read, and :class:`StoreUnavailable` where the folder
-        cannot be written.
+        Raises :class:`ArtifactError` if the source cannot be read, and :class:`StoreUnavailable` if the folder cannot
+        be written.
         """
         try:
             file = source.open("rb")
@@ -127,10 +127,10 @@ class Folder:
             return self.write(iter(partial(file.read, CHUNK_BYTES), b""), at)
 
     def write(self, chunks: Iterable[bytes], at: At, *, expected: str | None = None) -> Blob:
-        """Write a blob from its bytes; raises :class:`ArtifactMissing` where they do not hash as ``expected``."""
+        """Write a blob from its bytes; raises :class:`ArtifactMissing` if their hash is not ``expected``."""
         part = self.root / f".{secrets.token_hex(8)}.tmp"
         digest, size = hashlib.sha256(), 0
-        with _reached("artifacts cannot be written"):
+        with _translated("artifacts cannot be written"):
             try:
                 at("write")
                 with part.open("xb") as file:
@@ -144,7 +144,7 @@ class Folder:
                     modified_at_s = os.fstat(file.fileno()).st_mtime
                 sha256 = digest.hexdigest()
                 if expected not in (None, sha256):
-                    raise ArtifactMissing(str(expected), "is damaged where it is kept")
+                    raise ArtifactMissing(str(expected), "is damaged in its storage")
                 at("rename")
                 part.replace(self._file(sha256))
                 at("sync_folder")
@@ -154,46 +154,46 @@ class Folder:
         return Blob(f"{sha256}.verb", sha256, size, modified_at_s)
 
     def has(self, sha256: str) -> bool:
-        """Whether a blob is there."""
-        with _reached("artifacts cannot be read"):
+        """Whether a blob exists."""
+        with _translated("artifacts cannot be read"):
             return self._file(sha256).exists()
 
     def path(self, sha256: str) -> Path:
-        """A blob's file. Its bytes are checked when this process first meets it, and when it changed since.
+        """A blob's file; its hash is checked at the first use in this process, and after changes of the file.
 
-        Raises :class:`ArtifactMissing` where it is not there or damaged.
+        Raises :class:`ArtifactMissing` if it is missing or damaged.
         """
         path = self._file(sha256)
-        with _reached("artifacts cannot be read"):
+        with _translated("artifacts cannot be read"):
             try:
                 with path.open("rb") as file:
-                    facts = os.fstat(file.fileno())
-                    mark = (facts.st_ino, facts.st_size, facts.st_mtime_ns)
-                    sound = self._checked.get(sha256) == mark
-                    sound = sound or hashlib.file_digest(file, "sha256").hexdigest() == sha256
+                    status = os.fstat(file.fileno())
+                    stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
+                    intact = self._checked.get(sha256) == stamp
+                    intact = intact or hashlib.file_digest(file, "sha256").hexdigest() == sha256
             except FileNotFoundError:
-                raise ArtifactMissing(sha256, "is not there; it may have been collected") from None
-        if not sound:
+                raise ArtifactMissing(sha256, "is missing; it may have been collected") from None
+        if not intact:
             raise ArtifactMissing(sha256, "is damaged")
-        self._checked[sha256] = mark
+        self._checked[sha256] = stamp
         return path
 
     def listing(self) -> list[Blob]:
-        """Every blob and every temporary file of a publisher."""
+        """All blobs and temporary files."""
         found = []
-        with _reached("artifacts cannot be listed"), os.scandir(self.root) as entries:
+        with _translated("artifacts cannot be listed"), os.scandir(self.root) as entries:
             for entry in entries:
                 match = _NAME.fullmatch(entry.name)
                 if match is None and _PART.fullmatch(entry.name) is None:
                     continue
-                with suppress(FileNotFoundError):  # somebody else removes it
-                    facts = entry.stat()
-                    found.append(Blob(entry.name, match and match[1], facts.st_size, facts.st_mtime))
+                with suppress(FileNotFoundError):  # removed by another process
+                    status = entry.stat()
+                    found.append(Blob(entry.name, match and match[1], status.st_size, status.st_mtime))
         return sorted(found, key=lambda blob: blob.name)
 
     def remove(self, blobs: Iterable[Blob]) -> None:
-        """Unlink files; whoever has mapped one goes on reading it."""
-        with _reached("artifacts cannot be removed"):
+        """Unlink files; mapped ones stay readable."""
+        with _translated("artifacts cannot be removed"):
             for blob in blobs:
                 (self.root / blob.name).unlink(missing_ok=True)
                 self._checked.pop(blob.sha256 or "", None)
@@ -203,7 +203,7 @@ class Folder:
 
 
 class Bucket:
-    """Blobs in an object store; what is read lies in a local folder by its hash.
+    """Blobs in an object store, with copies in a local folder.
 
     Parameters
     ----------
@@ -218,24 +218,24 @@ class Bucket:
         self._copies = cache
 
     def put(self, source: Path, at: At) -> Blob:
-        """Copy a file into the cache and then into the object store, where it appears whole or not at all.
+        """Copy a file into the cache, and then atomically into the object store.
 
-        Raises :class:`ArtifactError` where the source cannot be read, and :class:`StoreUnavailable` where the bucket
-        cannot be written.
+        Raises :class:`ArtifactError` if the source cannot be read, and :class:`StoreUnavailable` if the bucket cannot
+        be written.
         """
         import obstore
 
         blob = self._copies.put(source, at)
         at("upload")
-        with _reached("the bucket cannot be written"):
+        with _translated("the bucket cannot be written"):
             obstore.put(self._store, blob.name, self._copies.path(str(blob.sha256)))
         return blob
 
     def has(self, sha256: str) -> bool:
-        """Whether a blob is in the object store."""
+        """Whether a blob exists in the object store."""
         import obstore
 
-        with _reached("the bucket cannot be read"):
+        with _translated("the bucket cannot be read"):
             try:
                 obstore.head(self._store, f"{sha256}.verb")
             except FileNotFoundError:
@@ -243,12 +243,12 @@ class Bucket:
         return True
 
     def path(self, sha256: str) -> Path:
-        """The cached file, fetched where it is not there or not sound; raises :class:`ArtifactMissing`."""
+        """The cached file, fetched if missing or damaged; raises :class:`ArtifactMissing`."""
         import obstore
 
         with suppress(ArtifactMissing):
             return self._copies.path(sha256)
-        with _reached("the bucket cannot be read"):
+        with _translated("the bucket cannot be read"):
             try:
                 chunks = (bytes(chunk) for chunk in obstore.get(self._store, f"{sha256}.verb").stream())
                 first = next(chunks, b"")
@@ -258,11 +258,11 @@ class Bucket:
         return self._copies.path(sha256)
 
     def listing(self) -> list[Blob]:
-        """Every blob of the object store."""
+        """All blobs of the object store."""
         import obstore
 
         found = []
-        with _reached("the bucket cannot be listed"):
+        with _translated("the bucket cannot be listed"):
             for row in chain.from_iterable(obstore.list(self._store)):
                 match = _NAME.fullmatch(row["path"])
                 if match:
@@ -270,17 +270,17 @@ class Bucket:
         return sorted(found, key=lambda blob: blob.name)
 
     def remove(self, blobs: Iterable[Blob]) -> None:
-        """Delete blobs from the object store; the cache is another matter."""
+        """Delete blobs from the object store, not from the cache."""
         import obstore
 
-        with _reached("blobs of the bucket cannot be removed"):
+        with _translated("blobs of the bucket cannot be removed"):
             for blob in blobs:
                 with suppress(FileNotFoundError):
                     obstore.delete(self._store, blob.name)
 
 
 def _object_store(address: str) -> ObjectStore:
-    """Object store of an address; keys and endpoint come from the environment (``AWS_…``), never from the address."""
+    """Object store at an address; keys and endpoint come from the environment (``AWS_…``), never from the address."""
     try:
         from obstore.exceptions import BaseError
         from obstore.store import from_url
@@ -299,14 +299,14 @@ def _object_store(address: str) -> ObjectStore:
 
 
 @contextmanager
-def _reached(problem: str) -> Iterator[None]:
-    """Turn failures of disks and networks into :class:`StoreUnavailable`."""
+def _translated(problem: str) -> Iterator[None]:
+    """Raise failures of disks and networks as :class:`StoreUnavailable`."""
     try:
         yield
     except OSError as err:
         raise StoreUnavailable(f"{problem}: {err.strerror or _line(err)}") from err
     except Exception as err:
-        if type(err).__module__.partition(".")[0] != "obstore":  # imported only where it is used
+        if type(err).__module__.partition(".")[0] != "obstore":  # imported only if it is used
             raise
         raise StoreUnavailable(f"{problem}: {_line(err)}") from err
 
@@ -316,7 +316,7 @@ def _line(err: Exception) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Make the names in a folder survive a loss of power."""
+    """Write a folder's entries to disk, so that they survive a power failure."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)

@@ -1,4 +1,4 @@
-"""Refinement jobs as users see them, and the traffic that servers saw. Workers keep a log of their own."""
+"""Tables of refinement jobs and of usage."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from service.store.records import (
 )
 from service.store.tables import Database
 
-__all__ = ["Jobs", "Traffic"]
+__all__ = ["Jobs", "UsageTable"]
 
 _CHANGEABLE = frozenset({"state", "progress", "version_before", "version_after", "detail"})
 
 
 class Jobs:
-    """Rows of refinement jobs.
+    """The table of refinement jobs.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Jobs:
         self._database, self._clock = database, clock
 
     def add(self, job: Job) -> None:
-        """Write a job down; raises :class:`JobExists` where its id is taken."""
+        """Add a job; raises :class:`JobExists` if its id is taken."""
         check_verb(job.verb)
         check_text("id", job.id, 200, empty=False)
         values = {name: getattr(job, name) for name in Job.__slots__} | {"request": json_text("request", job.request)}
@@ -55,7 +55,7 @@ class Jobs:
             raise JobExists(job.id) from err
 
     def get(self, id: str) -> Job:
-        """A job; raises :class:`UnknownJob`."""
+        """Get a job; raises :class:`UnknownJob`."""
         with self._database.transaction() as connection:
             return _find(connection, id)
 
@@ -71,7 +71,7 @@ class Jobs:
             return [_job(row) for row in connection.execute(query)]
 
     def ended(self) -> dict[tuple[str, str], int]:
-        """How many jobs of each verb ended in each state."""
+        """Number of ended jobs by verb and state."""
         table = tables.jobs
         query = select(table.c.verb, table.c.state, func.count()).where(table.c.state.in_(ENDED))
         with self._database.transaction() as connection:
@@ -79,12 +79,12 @@ class Jobs:
             return {(verb, state): count for verb, state, count in rows}
 
     def update(self, id: str, changes: Mapping[str, Any]) -> Job:
-        """Change fields of a job; raises :class:`UnknownJob`, or :class:`JobEnded` where its state is for ever."""
+        """Change fields of a job; raises :class:`UnknownJob`, or :class:`JobEnded` if its state is final."""
         with self._database.transaction(writes=True) as connection:
             return self.write(connection, id, changes)
 
     def write(self, connection: Connection, id: str, changes: Mapping[str, Any]) -> Job:
-        """The same, inside a transaction of the caller's."""
+        """Change fields of a job in the caller's transaction."""
         values = _checked(changes) | {"updated_at_s": self._clock()}
         found = _find(connection, id, lock=True)
         if found.state in ENDED and values.get("state", found.state) != found.state:
@@ -93,7 +93,7 @@ class Jobs:
         return _find(connection, id)
 
     def reap(self, id: str) -> int:
-        """Count that another worker took a job over; returns how often that was."""
+        """Increment the number of times that a job was taken over; returns it."""
         with self._database.transaction(writes=True) as connection:
             count = _find(connection, id, lock=True).reaps + 1
             values = {"reaps": count, "updated_at_s": self._clock()}
@@ -101,8 +101,8 @@ class Jobs:
         return count
 
 
-class Traffic:
-    """What clients asked of each verb, as each server counted it.
+class UsageTable:
+    """The table of usage: the cells of each verb that each server counted.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Traffic:
         self._database = database
 
     def put(self, verb: str, server: str, cells: Mapping[str, Any], now_s: float) -> None:
-        """Keep what a server counted; it takes the place of what the same server said before."""
+        """Store the cells of a verb from a server, in place of its earlier ones."""
         check_verb(verb)
         check_text("server", server, 200, empty=False)
         values = {"cells": json_text("cells", cells), "at_s": float(now_s)}
@@ -122,29 +122,29 @@ class Traffic:
             connection.execute(write.on_conflict_do_update(index_elements=["verb", "server"], set_=values))
 
     def since(self, verb: str, *, not_before_s: float) -> list[Mapping[str, Any]]:
-        """Cells of every server that said something since, newest first."""
+        """Cells of every server that stored some since a time, newest first."""
         table = tables.traffic
         query = select(table.c.cells).where(table.c.verb == verb, table.c.at_s >= not_before_s)
         with self._database.transaction() as connection:
             texts = connection.execute(query.order_by(table.c.at_s.desc(), table.c.server)).scalars()
             return [json.loads(text) for text in texts]
 
-    def forget(self, *, before_s: float) -> list[str]:
-        """Remove what servers said before an instant and never since; returns their names, each with its verb."""
+    def remove(self, *, before_s: float) -> list[str]:
+        """Remove rows that were last stored before a time; returns a description of each."""
         table = tables.traffic
         with self._database.transaction(writes=True) as connection:
             removed = delete(table).where(table.c.at_s < before_s).returning(table.c.verb, table.c.server)
-            return sorted(f"traffic of {verb} at {server}" for verb, server in connection.execute(removed))
+            return sorted(f"usage of {verb} at {server}" for verb, server in connection.execute(removed))
 
 
 def _checked(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Changes as columns; raises :class:`InvalidValue`."""
+    """Validate changes and encode them as columns; raises :class:`InvalidValue`."""
     values = dict(changes)
     if not values.keys() <= _CHANGEABLE:
         wrong = ", ".join(sorted(values.keys() - _CHANGEABLE))
-        raise InvalidValue(f"a job's {wrong} cannot change; what can is {', '.join(sorted(_CHANGEABLE))}")
+        raise InvalidValue(f"{wrong} of a job cannot change; these can: {', '.join(sorted(_CHANGEABLE))}")
     if values.get("state", "queued") not in STATES:
-        raise InvalidValue(f"{values['state']!r:.40} is no state of a job: {', '.join(sorted(STATES))}")
+        raise InvalidValue(f"{values['state']!r:.40} is not a state of a job: {', '.join(sorted(STATES))}")
     if "progress" in values:
         values["progress"] = json_text("progress", values["progress"])
     if "detail" in values:

@@ -1,4 +1,4 @@
-"""What is done to a verb's rows inside one transaction; :class:`service.store.store.Store` makes the transactions."""
+"""Rows of one verb within a transaction of :class:`service.store.store.Store`."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ class Ledger:
         self._database, self._connection, self.verb = database, connection, verb
 
     def lock(self) -> int:
-        """Wait until nobody else changes this verb; returns the highest number that was given, 0 for a new verb."""
+        """Lock the verb for changes; returns its highest version number so far, 0 for a new verb."""
         made = self._database.insert(tables.verbs).values(name=self.verb, last=0).on_conflict_do_nothing()
         self._connection.execute(made)
         query = select(tables.verbs.c.last).where(tables.verbs.c.name == self.verb).with_for_update()
         return int(self._connection.execute(query).scalar_one())
 
     def current(self) -> int | None:
-        """Number of the version that the verb points to."""
+        """Number of the current version."""
         query = select(tables.pointers.c.number).where(tables.pointers.c.verb == self.verb)
         return self._connection.execute(query).scalar()
 
     def expect(self, expected: int | None) -> None:
-        """Raise :class:`Conflict` where the verb does not point to what is expected; 0 expects none."""
+        """Raise :class:`Conflict` if another version is current than expected; 0 expects none."""
         found = self.current() or 0
         if expected is not None and expected != found:
             raise Conflict(self.verb, expected, found)
@@ -63,22 +63,22 @@ class Ledger:
         """Every version, oldest first."""
         return self._select(tables.versions.c.verb == self.verb)
 
-    def same(self, sha256: str, parent: int | None) -> Version | None:
-        """The version of this artifact and parent, where it was published before."""
+    def find(self, sha256: str, parent: int | None) -> Version | None:
+        """The version with this artifact and parent, if it was published before."""
         table = tables.versions
         found = self._select(table.c.verb == self.verb, table.c.sha256 == sha256, table.c.parent == parent)
         return found[-1] if found else None
 
     def add(self, version: Version) -> None:
-        """Write a version down; its number is the highest from now on."""
+        """Add the row of a version, and make its number the highest."""
         row = asdict(version) | {"quality": json.dumps(version.quality, separators=(",", ":"))}
         self._connection.execute(insert(tables.versions).values(row))
         self._connection.execute(
             update(tables.verbs).where(tables.verbs.c.name == self.verb).values(last=version.number)
         )
 
-    def point(self, number: int | None) -> None:
-        """Point to a version, or to none."""
+    def set_current(self, number: int | None) -> None:
+        """Make a version current, or none."""
         table = tables.pointers
         if number is None:
             self._connection.execute(delete(table).where(table.c.verb == self.verb))
@@ -86,7 +86,7 @@ class Ledger:
         made = self._database.insert(table).values(verb=self.verb, number=number)
         self._connection.execute(made.on_conflict_do_update(index_elements=["verb"], set_={"number": number}))
 
-    def enter(
+    def add_blob(
         self,
         blob: Blob,
         quality: Mapping[str, Any],
@@ -102,16 +102,16 @@ class Ledger:
         if activate_if is not None:
             current = self.current()
             if current is None:
-                raise self.unknown()
+                raise self.unknown_verb()
             activate = activate and current == activate_if
-        version = self.same(sha256, parent)
+        version = self.find(sha256, parent)
         if version is not None:
             if activate:
-                self.turn(version, change, expected=expected)
+                self.activate(version, change, expected=expected)
             return version
         self.expect(expected)
         if parent is not None:
-            self.pick(parent)
+            self.version(parent)
         version = Version(
             verb=self.verb,
             number=last + 1,
@@ -125,20 +125,20 @@ class Ledger:
         )
         self.add(version)
         if activate:
-            self.point(version.number)
-        self.note("publish", version.number, change)
+            self.set_current(version.number)
+        self.add_event("publish", version.number, change)
         return version
 
-    def turn(self, version: Version, change: Change, *, expected: int | None) -> None:
-        """Point to a version that there is, unless the verb does already; raises :class:`Conflict`."""
+    def activate(self, version: Version, change: Change, *, expected: int | None) -> None:
+        """Make an existing version current, unless it is already; raises :class:`Conflict`."""
         if self.current() == version.number:
             return
         self.expect(expected)
-        self.point(version.number)
-        self.note("activate", version.number, change)
+        self.set_current(version.number)
+        self.add_event("activate", version.number, change)
 
-    def note(self, kind: str, number: int, change: Change) -> None:
-        """Write an event into the history and tell whoever listens."""
+    def add_event(self, kind: str, number: int, change: Change) -> None:
+        """Add an event to the history, and notify the servers."""
         event = Event(self.verb, kind, number, self.current(), change.author, change.reason, change.at_s)
         self._connection.execute(insert(tables.events).values(asdict(event)))
         self._database.notify(self._connection, self.verb)
@@ -150,20 +150,20 @@ class Ledger:
         query = select(*columns).where(table.c.verb == self.verb).order_by(table.c.id.desc()).limit(limit)
         return [Event(*row) for row in self._connection.execute(query)][::-1]
 
-    def require(self) -> None:
-        """Raise :class:`UnknownVerb` where the name was never published."""
+    def check_exists(self) -> None:
+        """Raise :class:`UnknownVerb` if the verb was never published."""
         found = self._connection.execute(select(tables.verbs.c.name).where(tables.verbs.c.name == self.verb)).scalar()
         if found is None:
-            raise self.unknown()
+            raise self.unknown_verb()
 
-    def unknown(self) -> UnknownVerb:
-        """An error that lists the verbs that point to something."""
+    def unknown_verb(self) -> UnknownVerb:
+        """An error that lists the served verbs."""
         names = select(tables.pointers.c.verb).order_by(tables.pointers.c.verb)
         return UnknownVerb(self.verb, self._connection.execute(names).scalars())
 
-    def pick(self, number: int) -> Version:
+    def version(self, number: int) -> Version:
         """One version; raises :class:`UnknownVerb` or :class:`UnknownVersion`."""
-        self.require()
+        self.check_exists()
         table = tables.versions
         found = self._select(table.c.verb == self.verb, table.c.number == number)
         if not found:
@@ -172,7 +172,7 @@ class Ledger:
         return found[0]
 
     def collect(self, *, keep: int, before_s: float) -> list[int]:
-        """Remove versions that nothing keeps; returns their numbers. See :meth:`service.store.store.Store.collect`."""
+        """Remove old versions; returns their numbers. See :meth:`service.store.store.Store.collect`."""
         events = self.history(1)
         if events and events[0].kind == "delete" and events[0].at_s < before_s:
             keep = 0
@@ -190,7 +190,7 @@ class Ledger:
 
 
 def select_versions(connection: Connection, *where: ColumnElement[bool]) -> list[Version]:
-    """Versions that fulfil conditions, in order of verb and number."""
+    """Versions that match conditions, ordered by verb and number."""
     columns = [tables.versions.c[name] for name in Version.__slots__]
     query = select(*columns).where(*where).order_by(tables.versions.c.verb, tables.versions.c.number)
     rows: list[dict[str, Any]] = [dict(row._mapping) for row in connection.execute(query)]

@@ -1,6 +1,6 @@
-"""Connections to PostgreSQL that do not wait for ever. Imported only where PostgreSQL is used.
+"""Connections to PostgreSQL with time-outs on the client's side. Imported only if PostgreSQL is used.
 
-PostgreSQL's own time-outs do not help where the server is frozen, and TCP's not where only its process is.
+PostgreSQL's own time-outs do not apply while the server is frozen, and those of TCP not while only its process is.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ class NoAnswer(psycopg.OperationalError):
     """The server did not answer in time."""
 
 
-def bounded(steps: Generator[Any, Any, Result], patience_s: float) -> Generator[Any, Any, Result]:
-    """The driver's steps, as long as the server answers: the driver looks in ten times a second while it waits."""
-    deadline_s = time.monotonic() + patience_s
+def bounded(steps: Generator[Any, Any, Result], timeout_s: float) -> Generator[Any, Any, Result]:
+    """Wrap a wait of the driver with a time-out; the driver polls ten times a second."""
+    deadline_s = time.monotonic() + timeout_s
     try:
         wanted = next(steps)
         while True:
             ready = yield wanted
             if not ready and time.monotonic() > deadline_s:
-                raise NoAnswer(f"the database does not answer within {patience_s:g} s")
+                raise NoAnswer(f"the database does not answer within {timeout_s:g} s")
             wanted = steps.send(ready)
     except StopIteration as end:
         result: Result = end.value
@@ -44,18 +44,18 @@ def bounded(steps: Generator[Any, Any, Result], patience_s: float) -> Generator[
 
 
 class _Connection(psycopg.Connection[Any]):
-    patience_s = 5.0
+    timeout_s = 5.0
 
     def wait(self, gen: Any, *args: Any, **options: Any) -> Any:
         try:
-            return super().wait(bounded(gen, self.patience_s), *args, **options)
+            return super().wait(bounded(gen, self.timeout_s), *args, **options)
         except NoAnswer:
-            self.pgconn.finish()  # whatever it says later is nobody's answer
+            self.pgconn.finish()  # a late answer must not be read as that of the next statement
             raise
 
 
 def make_engine(url: URL, *, timeout_s: float, connections: int) -> Engine:
-    """An engine with a small pool whose statements and locks take no longer than said, in seconds."""
+    """An engine with a small pool, and time-outs for statements and locks, seconds."""
     millis = int(1000 * timeout_s)
     engine = create_engine(
         url, pool_size=connections, max_overflow=0, pool_timeout=timeout_s, pool_pre_ping=True, hide_parameters=True
@@ -65,12 +65,12 @@ def make_engine(url: URL, *, timeout_s: float, connections: int) -> Engine:
     def _connect(dialect: object, record: object, args: Any, options: dict[str, Any]) -> _Connection:
         options = options | {"connect_timeout": CONNECT_S, "tcp_user_timeout": millis}
         connection = _Connection.connect(*args, **options)
-        connection.patience_s = timeout_s
+        connection.timeout_s = timeout_s
         return connection
 
     @event.listens_for(engine, "connect")
     def _tune(connection: _Connection, record: object) -> None:
-        connection.execute(f"SET lock_timeout = {8 * millis // 10}")  # the shorter, the clearer its message
+        connection.execute(f"SET lock_timeout = {8 * millis // 10}")  # the shortest, since its message is the clearest
         connection.execute(f"SET statement_timeout = {9 * millis // 10}")
         connection.execute(f"SET idle_in_transaction_session_timeout = {millis}")
         connection.commit()

@@ -1,4 +1,4 @@
-"""LISTEN on PostgreSQL: an event whenever pointers may have changed. Imported only where PostgreSQL is used."""
+"""Notices of changed versions by LISTEN. Imported only if PostgreSQL is used."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from service.store.tables import Database
 __all__ = ["listen"]
 
 BACK_OFF_S = (0.1, 1.0)
-"""First and longest pause before a lost server is listened to again, seconds."""
+"""First and longest pause before reconnecting, seconds."""
 
 
 class _Listener(psycopg.AsyncConnection[Any]):
     async def wait(self, gen: Any, *args: Any, **options: Any) -> Any:
-        if "timeout" in options:  # it waits for notices
+        if "timeout" in options:  # waiting for notices
             return await super().wait(gen, *args, **options)
         try:
             return await super().wait(bounded(gen, CONNECT_S), *args, **options)
@@ -29,7 +29,7 @@ class _Listener(psycopg.AsyncConnection[Any]):
 
 
 async def listen(database: Database, reread_s: float) -> AsyncGenerator[None, None]:
-    """Yield at the start, at each notice, after a while of silence, and whenever the server was lost or found."""
+    """Yield at the start, at each notice, after ``reread_s`` without one, and when the connection changes."""
     pause_s, longest_s = BACK_OFF_S
     arguments = database.arguments() | {"connect_timeout": CONNECT_S, "autocommit": True}
     while not database.closed:
@@ -42,7 +42,7 @@ async def listen(database: Database, reread_s: float) -> AsyncGenerator[None, No
                 while not database.closed:
                     found = [notice async for notice in connection.notifies(timeout=reread_s, stop_after=1)]
                     yield
-                    if not found:  # a connection may be lost in silence; asking shows it
+                    if not found:  # detects a connection that was lost silently
                         await connection.execute("SELECT 1")
                         database.available = True
             finally:

@@ -1,18 +1,18 @@
-"""What the store keeps, and everything that can go wrong with it, in one tree.
+"""Records of the store, and the tree of its errors.
 
 ::
 
     StoreError
-    ├── BadAddress         an address names no database or place for artifacts that Adverb knows
-    ├── InvalidValue       a name, a text or a JSON value is not one that the store keeps
-    ├── UnknownVerb        no such verb is served, or was ever published (verb, known)
+    ├── BadAddress         an address of the database or the artifacts is not supported
+    ├── InvalidValue       a name, a text or a JSON value cannot be stored
+    ├── UnknownVerb        the verb is not served, or was never published (verb, known)
     ├── UnknownVersion     the verb has no such version (verb, number, known)
-    ├── UnknownJob         there is no such refinement job (id)
-    ├── JobExists          a job has this id already (id)
-    ├── JobEnded           the job has ended and does not go on (id, state)
-    ├── Conflict           the verb points to another version than was expected (verb, expected, found)
-    ├── ArtifactMissing    a version's blob is not where it should be, or is damaged (sha256)
-    └── StoreUnavailable   the database or the artifacts cannot be reached now; asking again may help (reason)
+    ├── UnknownJob         no refinement job has this id (id)
+    ├── JobExists          a refinement job with this id exists (id)
+    ├── JobEnded           the job has ended, and its state is final (id, state)
+    ├── Conflict           another version is current than expected (verb, expected, found)
+    ├── ArtifactMissing    the blob of a version is missing or damaged (sha256)
+    └── StoreUnavailable   the database or the artifacts cannot be reached; retry later (reason)
 """
 
 from __future__ import annotations
@@ -47,38 +47,38 @@ __all__ = [
 ]
 
 MAX_JSON_BYTES = 1024 * 1024
-"""Longest JSON value that a row holds."""
+"""Longest JSON value in a row, bytes."""
 
 MAX_LISTED = 16
-"""Names or numbers that one error lists."""
+"""Largest number of names or numbers in an error message."""
 
 STATES = frozenset({"queued", "running", "published", "not_better", "failed", "cancelled", "given_up"})
 """States of a refinement job."""
 
 ENDED = STATES - {"queued", "running"}
-"""States that a job does not leave."""
+"""Final states."""
 
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """One published version of a verb. It never changes.
+    """One published version of a verb; immutable.
 
     Parameters
     ----------
     verb : str
     number : int
-        Counts from 1 for each verb, without gaps when it is given; collected numbers are not given again.
+        Counts from 1 for each verb; numbers of removed versions are not reused.
     sha256 : str
-        Of the artifact's bytes, 64 hexadecimal digits; it names the blob.
+        Hash of the artifact, 64 hexadecimal digits; it names the blob.
     size_bytes : int
     author, reason : str
         Who published it, and why.
     quality : mapping
-        JSON values: measured figures.
+        Measured quality, JSON values.
     created_at_s : float
         Seconds since 1970, UTC.
     parent : int or None
-        The version that it was refined from.
+        Version that it was refined from.
     """
 
     verb: str
@@ -94,7 +94,7 @@ class Version:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One thing that was done to a verb.
+    """One change of a verb.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ class Event:
     kind : str
         ``"publish"``, ``"activate"`` or ``"delete"``.
     number : int
-        The version that was published or activated, or was current before the verb was deleted.
+        Version that was published or activated, or was current before the verb was deleted.
     current : int or None
-        The version that the verb points to since; None where it points to none.
+        Current version after the change; None if the verb is not served.
     author, reason : str
         Who did it, and why.
     at_s : float
@@ -122,7 +122,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A refinement as its user sees it.
+    """A refinement job.
 
     Parameters
     ----------
@@ -130,13 +130,13 @@ class Job:
     state : str
         One of :data:`STATES`.
     request, progress : mapping
-        JSON values: the parameters of the job with its author, and how far it is.
+        JSON values: the parameters and author of the job, and its progress.
     reaps : int
-        How often another worker took it over.
+        Number of times that another worker took it over.
     version_before, version_after : int or None
-        The version that is refined, and the one that was published.
+        Version that is refined, and the published result.
     detail : str
-        One sentence for its user.
+        One sentence about its outcome, for users.
     created_at_s, updated_at_s : float
         Seconds since 1970, UTC.
     """
@@ -155,66 +155,66 @@ class Job:
 
 
 class StoreError(Exception):
-    """Root of everything that goes wrong in the store."""
+    """Root of the errors of the store."""
 
 
 class BadAddress(StoreError):
-    """An address names no database or place for artifacts that Adverb knows; the message says which it knows."""
+    """An address of the database or the artifacts is not supported; the message lists the supported ones."""
 
 
 class InvalidValue(StoreError):
-    """A name, a text or a JSON value is not one that the store keeps; the message says what it keeps."""
+    """A name, a text or a JSON value cannot be stored; the message states the limits."""
 
 
 class UnknownVerb(StoreError):
-    """No such verb is served, or was ever published.
+    """The verb is not served, or was never published.
 
     Attributes
     ----------
     verb : str
     known : tuple of str
-        Verbs that there are.
+        Names of the served verbs.
     """
 
     def __init__(self, verb: str, known: Iterable[str]) -> None:
         self.verb, self.known = verb, tuple(known)
-        super().__init__(f"there is no verb '{verb}'; there are: {_listed(self.known)}")
+        super().__init__(f"unknown verb '{verb}'; known: {_listed(self.known)}")
 
 
 class UnknownVersion(StoreError):
-    """The verb has no such version, or it was collected.
+    """The verb has no such version, or it was removed.
 
     Attributes
     ----------
     verb : str
     number : int
     known : tuple of int
-        Numbers that there are.
+        Existing numbers.
     """
 
     def __init__(self, verb: str, number: int, known: Iterable[int]) -> None:
         self.verb, self.number, self.known = verb, number, tuple(known)
-        super().__init__(f"verb '{verb}' has no version {number}; there are: {_listed(self.known)}")
+        super().__init__(f"verb '{verb}' has no version {number}; known: {_listed(self.known)}")
 
 
 class UnknownJob(StoreError):
-    """There is no refinement job with this ``id``."""
+    """No refinement job has this ``id``."""
 
     def __init__(self, id: str) -> None:
         self.id = id
-        super().__init__(f"there is no refinement job '{id}'")
+        super().__init__(f"unknown refinement job '{id}'")
 
 
 class JobExists(StoreError):
-    """A refinement job has this ``id`` already."""
+    """A refinement job with this ``id`` exists."""
 
     def __init__(self, id: str) -> None:
         self.id = id
-        super().__init__(f"there is a refinement job '{id}' already")
+        super().__init__(f"refinement job '{id}' exists already")
 
 
 class JobEnded(StoreError):
-    """The job with this ``id`` has ended in ``state`` and does not go on."""
+    """The job with this ``id`` has ended in ``state``, which is final."""
 
     def __init__(self, id: str, state: str) -> None:
         self.id, self.state = id, state
@@ -222,23 +222,23 @@ class JobEnded(StoreError):
 
 
 class Conflict(StoreError):
-    """Somebody else changed what the verb points to.
+    """Another version is current than expected.
 
     Attributes
     ----------
     verb : str
     expected, found : int
-        Numbers of the current version; 0 stands for none.
+        Version numbers; 0 for none.
     """
 
     def __init__(self, verb: str, expected: int, found: int) -> None:
         self.verb, self.expected, self.found = verb, expected, found
-        points = f"points to version {found}" if found else "points to no version"
-        super().__init__(f"verb '{verb}' {points}, not to {expected or 'none'}: read it again")
+        current = f"version {found}" if found else "no version"
+        super().__init__(f"{current} of verb '{verb}' is current, not {expected or 'none'}: read it again")
 
 
 class ArtifactMissing(StoreError):
-    """The blob named ``sha256`` is not where it should be, or is damaged."""
+    """The blob named ``sha256`` is missing or damaged."""
 
     def __init__(self, sha256: str, problem: str) -> None:
         self.sha256 = sha256
@@ -246,7 +246,7 @@ class ArtifactMissing(StoreError):
 
 
 class StoreUnavailable(StoreError):
-    """The database or the artifacts cannot be reached now; ``reason`` is short and names no secret."""
+    """The database or the artifacts cannot be reached; ``reason`` is short and contains no secrets."""
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
@@ -259,18 +259,18 @@ def _listed(known: tuple[Any, ...]) -> str:
 
 
 def check_verb(name: str) -> str:
-    """The name, where a verb may be called so; raises :class:`InvalidValue`."""
+    """Validate the name of a verb; raises :class:`InvalidValue`."""
     if NAME.fullmatch(name) is None:
-        raise InvalidValue(f"{name!r:.80} is no verb name ({NAME.pattern})")
+        raise InvalidValue(f"{name!r:.80} is not a verb name ({NAME.pattern})")
     return name
 
 
 def check_text(what: str, text: str, limit: int, *, empty: bool = True) -> str:
-    """The text, where a row can hold it; raises :class:`InvalidValue`."""
+    """Validate a text for a row; raises :class:`InvalidValue`."""
     if len(text) > limit or not (text or empty):
         raise InvalidValue(f"'{what}' must have {0 if empty else 1} to {limit} characters; it has {len(text)}")
     if "\0" in text or any("\ud800" <= letter <= "\udfff" for letter in text):
-        raise InvalidValue(f"'{what}' has a character that is no text")
+        raise InvalidValue(f"'{what}' has a character that cannot be stored")
     return text
 
 
@@ -279,7 +279,7 @@ def json_text(what: str, value: Mapping[str, Any]) -> str:
     try:
         text = json.dumps(dict(value), allow_nan=False, separators=(",", ":"))
     except (TypeError, ValueError, RecursionError) as err:
-        raise InvalidValue(f"'{what}' is no JSON object: {err}") from err
+        raise InvalidValue(f"'{what}' is not a JSON object: {err}") from err
     if len(text) > MAX_JSON_BYTES:
         raise InvalidValue(f"'{what}' may be {MAX_JSON_BYTES} bytes of JSON; it is {len(text)}")
     return text

@@ -1,4 +1,4 @@
-"""The tables, and the database that holds them: SQLite or PostgreSQL, one code for both."""
+"""Tables of the store, and the database: SQLite or PostgreSQL."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from service.store.records import BadAddress, StoreError, StoreUnavailable
 __all__ = ["Database", "events", "jobs", "pointers", "traffic", "verbs", "versions"]
 
 CONNECTIONS = 4
-"""Most connections that a store holds, besides one for notices."""
+"""Largest number of connections of a store, besides one for notices."""
 
 _SETTING_UP = 0x41645631  # keys of advisory locks
 _PUBLISHING = 0x41645632
@@ -53,7 +53,7 @@ verbs = Table(
     "adverb_verbs",
     metadata,
     Column("name", String(63), primary_key=True),
-    Column("last", Integer, nullable=False),  # the highest number that was given, also to versions collected since
+    Column("last", Integer, nullable=False),  # highest number so far, including removed versions
 )
 
 versions = Table(
@@ -67,7 +67,7 @@ versions = Table(
     Column("reason", Text, nullable=False),
     Column("quality", Text, nullable=False),
     Column("created_at_s", Double, nullable=False),
-    Column("parent", Integer),  # no foreign key: a parent may have been collected
+    Column("parent", Integer),  # no foreign key: the parent may be removed
 )
 
 pointers = Table(
@@ -119,7 +119,7 @@ traffic = Table(
 
 
 class Database:
-    """A database that is reached through a small pool, whose failures are one kind of error.
+    """A database with a small connection pool; connection failures raise :class:`StoreUnavailable`.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class Database:
     Raises
     ------
     BadAddress
-        It is of another kind.
+        The address is of another kind.
     """
 
     def __init__(self, address: str, *, timeout_s: float) -> None:
@@ -160,45 +160,45 @@ class Database:
     def transaction(self, *, writes: bool = False) -> Iterator[Connection]:
         """A transaction that is committed at the end, or rolled back by any exception.
 
-        Raises :class:`StoreUnavailable` where the database cannot be reached or does not answer in time.
+        Raises :class:`StoreUnavailable` if the database cannot be reached or does not answer in time.
         """
         if self.closed:
-            raise StoreUnavailable("it was closed")
+            raise StoreUnavailable("it is closed")
         try:
             with self._engine.connect().execution_options(adverb_writes=writes) as connection, connection.begin():
                 self.available = True
                 yield connection
         except (exc.IntegrityError, exc.ProgrammingError, exc.DataError):
-            raise  # a mistake of ours
+            raise  # a programming error
         except (exc.DBAPIError, exc.TimeoutError) as err:
             self.available = False
             raise StoreUnavailable(self.reason(err)) from err
 
     def insert(self, table: Table) -> sqlite.Insert | postgresql.Insert:
-        """An insert that can say what to do about a row that is there already."""
+        """An insert with ``ON CONFLICT`` clauses."""
         return sqlite.insert(table) if self.sqlite else postgresql.insert(table)
 
-    def hold_blobs(self, connection: Connection, *, removing: bool) -> None:
-        """Until the transaction ends no blob is removed or, where ``removing``, none is published."""
+    def lock_blobs(self, connection: Connection, *, removing: bool) -> None:
+        """Until the transaction ends, prevent others from removing blobs or, if ``removing``, from publishing."""
         if self.sqlite:
-            return  # there is one writer at a time anyway
+            return  # SQLite has one writer at a time
         lock = func.pg_advisory_xact_lock if removing else func.pg_advisory_xact_lock_shared
         connection.execute(select(lock(_PUBLISHING)))
 
     def notify(self, connection: Connection, verb: str) -> None:
-        """Tell whoever listens, when the transaction is committed, that a verb points elsewhere."""
+        """Notify servers, when the transaction is committed, that the current version of a verb changed."""
         if not self.sqlite:
             from service.store.postgres import CHANNEL
 
             connection.execute(select(func.pg_notify(CHANNEL, verb)))
 
     def arguments(self) -> dict[str, Any]:
-        """Keyword arguments that connect a driver of one's own to the same place."""
+        """Keyword arguments for a direct connection of the driver."""
         _, arguments = self._engine.dialect.create_connect_args(self.url)
         return dict(arguments) | {"tcp_user_timeout": int(1000 * self.timeout_s)}
 
     def reason(self, err: BaseException) -> str:
-        """What went wrong, in one short line without the password."""
+        """An error as one short line without the password."""
         text = str(getattr(err, "orig", None) or err).strip() or type(err).__name__
         line = text.splitlines()[0][:200]
         password = self.url.password
@@ -217,7 +217,7 @@ class Database:
         return make_engine(self.url, timeout_s=self.timeout_s, connections=CONNECTIONS)
 
     def _write_ahead(self) -> None:
-        """Turn on SQLite's write-ahead log, for good. While another process does so SQLite fails instead of waiting."""
+        """Turn on SQLite's write-ahead log; retries, as SQLite fails while another process does the same."""
         deadline_s = time.monotonic() + self.timeout_s
         while True:
             try:
@@ -241,7 +241,7 @@ def _url(address: str) -> URL:
     try:
         url = make_url(address)
     except (exc.ArgumentError, ValueError):
-        raise BadAddress(f"the database's address '{scheme}:…' cannot be read") from None  # it may hold a password
+        raise BadAddress(f"the database's address '{scheme}:…' cannot be read") from None  # may hold a password
     if kind != "sqlite":
         return url.set(drivername="postgresql+psycopg")
     if not url.database or not Path(url.database).is_absolute():
@@ -261,7 +261,7 @@ def _file_engine(url: URL, timeout_s: float) -> Engine:
 
     @event.listens_for(engine, "connect")
     def _tune(connection: sqlite3.Connection, record: object) -> None:
-        connection.isolation_level = None  # transactions begin below, not where the driver thinks
+        connection.isolation_level = None  # transactions begin below, not in the driver
         connection.execute("PRAGMA foreign_keys = ON")
         connection.execute("PRAGMA synchronous = FULL")
 

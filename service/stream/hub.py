@@ -15,7 +15,7 @@ import numpy as np
 from service.catalog.catalog import Catalog, Entry
 from service.errors import ChannelInUse, TooManyChannels, UnknownChannel, UnknownSession
 from service.metrics import Metrics
-from service.refinement.usage import Demand
+from service.refinement.usage import Usage
 from service.settings import Settings
 from service.stream.channel import layout_of, opened
 from service.stream.connection import Connection
@@ -55,13 +55,13 @@ class Hub:
     metrics : Metrics
     catalog : callable
         Gives the verbs that are served now; raises :class:`service.errors.NotReady`.
-    demand : Demand
+    usage : Usage
         Told twice a second what every character is asked for.
     """
 
-    def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog], demand: Demand) -> None:
+    def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog], usage: Usage) -> None:
         self.settings, self.metrics, self._catalog = settings, metrics, catalog
-        self._sampler = CharacterSampler(demand)
+        self._sampler = CharacterSampler(usage)
         self.sessions: dict[str, Session] = {}
         self.draining = False
         self._groups: dict[tuple[str, int, str], Group] = {}
@@ -273,7 +273,7 @@ class Hub:
 
     # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
 
-    def offer(self, catalog: Catalog) -> None:
+    def set_catalog(self, catalog: Catalog) -> None:
         """Let characters go on, from the next tick, with the verbs of a new catalog where these are other versions."""
         self._offered = catalog
         self._wake.set()
@@ -358,7 +358,7 @@ class Hub:
         over = now_s - self.settings.stream_grace_s
         for session in [one for one in self.sessions.values() if one.lost_at is not None and one.lost_at < over]:
             await self.forget(session)
-        self.metrics.streaming(sum(one.connected for one in self.sessions.values()), self.characters)
+        self.metrics.set_streams(sum(one.connected for one in self.sessions.values()), self.characters)
         self._sampler.sample(self._groups.values())
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from service.refinement.usage import Demand
+from service.refinement.usage import Usage
 from service.stream.group import Group
 
 __all__ = ["MAX_SAMPLES", "CharacterSampler"]
@@ -18,11 +18,11 @@ class CharacterSampler:
 
     Parameters
     ----------
-    demand : Demand
+    usage : Usage
     """
 
-    def __init__(self, demand: Demand) -> None:
-        self._demand, self._round = demand, 0
+    def __init__(self, usage: Usage) -> None:
+        self._usage, self._round = usage, 0
 
     def sample(self, groups: Iterable[Group]) -> None:
         """Record the goals of the characters of some groups, and how far their poses are from them."""
@@ -33,4 +33,4 @@ class CharacterSampler:
                 step = -(-len(slots) // MAX_SAMPLES)
                 slots = slots[self._round % step :: step]
                 characters = group.characters
-                self._demand.ask(group.entry, characters.asked[slots], characters.errors(slots), rows=len(slots))
+                self._usage.record(group.entry, characters.asked[slots], characters.errors(slots), rows=len(slots))

@@ -158,7 +158,7 @@ class Ticker:
             if missed:  # the server was too slow: ticks that were due are stepped over, and counted as dropped
                 for post in plan.posts:
                     post.session.dropped += missed
-                self._metrics.missed(missed * len(plan.posts))
+                self._metrics.count_skipped(missed * len(plan.posts))
             shown_s = self.origin_s + max(self._ticks[fps] / fps for fps in steps)
             await self._send(plan, shown_s, clock_ns + int(shown_s * 1e9), pause)
 
@@ -178,7 +178,7 @@ class Ticker:
         frames = group.characters.step(part.slots, step_s)
         turns = _turns(group, frames) if part.turned else frames.rotations
         pack(frames, turns, entry.version, part.targets, words)
-        self._metrics.evaluated(entry, frames.blend, len(part.slots))
+        self._metrics.count_poses(entry, frames.blend, len(part.slots))
         _tell(part, frames)
 
     async def _send(self, plan: _Plan, due_s: float, due_ns: int, pause: float) -> None:
@@ -192,7 +192,7 @@ class Ticker:
                 await asyncio.sleep(0)
                 pause = time.perf_counter() + SLICE_S
         late_s = time.monotonic() - due_s
-        self._metrics.posted(sent, dropped, max(late_s, 0.0))
+        self._metrics.count_messages(sent, dropped, max(late_s, 0.0))
 
 
 def _plan(channels: Iterable[Channel]) -> _Plan:

@@ -82,7 +82,7 @@ def app_of(catalog: Catalog | None, **settings) -> FastAPI:
     """An app that serves a catalog already loaded, or (None) nothing yet."""
     app = create_app(Settings(**settings))
     if catalog is not None:
-        app.state.serving.offer(catalog)
+        app.state.server.set_catalog(catalog)
     return app
 
 

@@ -266,7 +266,7 @@ async def test_a_failure_inside_is_a_problem_without_its_reason(catalog, monkeyp
     def explode(self):
         raise ZeroDivisionError("secret of the house")
 
-    monkeypatch.setattr(state.Serving, "current", explode)
+    monkeypatch.setattr(state.ServerState, "current", explode)
     async with client_of(app_of(catalog)) as client:
         answer = await client.get("/v1/verbs", headers={"X-Request-Id": "mine-1"})
         problem(answer, 500, "internal_error")
@@ -287,7 +287,7 @@ async def test_a_client_that_leaves_is_no_failure(app):
 
     await app(scope, receive, sent.put)
     assert sent.empty()
-    assert b'status="499"' in app.state.serving.metrics.text()
+    assert b'status="499"' in app.state.server.metrics.text()
     assert issubclass(ClientDisconnect, Exception)
 
 

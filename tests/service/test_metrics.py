@@ -105,14 +105,14 @@ def test_observing_many_equals_observing_each():
 
 def test_two_apps_count_apart():
     first, second = Metrics(), Metrics()
-    first.answered("/livez", "GET", 200)
+    first.count_request("/livez", "GET", 200)
     assert b"adverb_requests_total{" in first.text()
     assert b"adverb_requests_total{" not in second.text()
 
 
 async def test_event_loop_lateness_is_watched(app):
     async with app.router.lifespan_context(app):
-        metrics = app.state.serving.metrics
+        metrics = app.state.server.metrics
         name = "adverb_event_loop_lateness_seconds_count"
         while metrics.registry.get_sample_value(name) == 0:  # noqa: ASYNC110 - metrics tell nobody
             await anyio.sleep(0.01)

@@ -8,7 +8,7 @@ import orjson
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
-from service.http.context import serving_of
+from service.http.context import state_of
 from service.http.documented import problems
 from service.http.negotiation import JSON
 from service.http.response_models import Live, Ready
@@ -44,8 +44,8 @@ async def ready(request: Request) -> Response:
 
     While the database is away verbs are served from memory: still ready, `degraded`, and `problem` says why.
     """
-    serving = serving_of(request)
-    catalog, problem = serving.current(), serving.problem
+    state = state_of(request)
+    catalog, problem = state.current(), state.problem
     answer = {
         "ready": True,
         "degraded": problem is not None,
@@ -59,4 +59,4 @@ async def ready(request: Request) -> Response:
 @router.get("/metrics", operation_id="metrics", response_class=Response, responses=_TEXT, summary="Metrics")
 def metrics(request: Request) -> Response:
     """Give all metrics in Prometheus' text form. A plain function, since writing them takes milliseconds."""
-    return Response(serving_of(request).metrics.text(), headers={"content-type": METRICS_TYPE})
+    return Response(state_of(request).metrics.text(), headers={"content-type": METRICS_TYPE})

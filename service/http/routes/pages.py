@@ -9,7 +9,7 @@ from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from service.http import reference
-from service.http.context import serving_of
+from service.http.context import state_of
 
 __all__ = ["router"]
 
@@ -32,7 +32,7 @@ async def home(request: Request) -> Response:
     page = STATIC / "index.html"
     if page.is_file():
         return FileResponse(page, headers=_DASHBOARD)
-    return HTMLResponse(reference.welcome(serving_of(request).catalog), headers=_PAGE)
+    return HTMLResponse(reference.welcome(state_of(request).catalog), headers=_PAGE)
 
 
 @router.get("/assets/{path:path}")

@@ -40,12 +40,12 @@ async def pose(request: Request, verb: VerbName) -> Response:
     With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
     `weights`, `measured` and `met` have no place there.
     """
-    serving, entry = served(request, verb)
+    state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
     asked = await read_model(request, PoseRequest)
-    entry = await serving.at(entry, asked.version)
-    found = await evaluation.pose(serving, entry, asked)
-    serving.asked(entry, asked.adverbs, found.poses.blend)
+    entry = await state.version(entry, asked.version)
+    found = await evaluation.pose(state, entry, asked)
+    state.record_usage(entry, asked.adverbs, found.poses.blend)
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
         return Response(wire.encode_one(found.poses, found.turns, entry.version), media_type=OCTETS)
@@ -75,20 +75,20 @@ async def poses(
     adverbs in the verb's order, then the phase; its options stand in the query. A binary answer is one record per
     pose, one after the other; a record's channel is its row modulo 65,536.
     """
-    serving, entry = served(request, verb)
+    state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
     query = {"method": method, "space": space, "joints": joints, "version": version}
     if media_type(request, JSON, OCTETS) == OCTETS:
-        entry = await serving.at(entry, version)
-        batch = evaluation.binary_batch(serving, entry, await read(request), query)
+        entry = await state.version(entry, version)
+        batch = evaluation.binary_batch(state, entry, await read(request), query)
     else:
-        batch = evaluation.json_batch(serving, await read_model(request, BatchRequest), query)
-        entry = await serving.at(entry, batch.options.version)
-    found = await evaluation.poses(serving, entry, batch)
-    serving.asked(entry, batch.adverbs, found.poses.blend, rows=len(batch.at))
+        batch = evaluation.json_batch(state, await read_model(request, BatchRequest), query)
+        entry = await state.version(entry, batch.options.version)
+    found = await evaluation.poses(state, entry, batch)
+    state.record_usage(entry, batch.adverbs, found.poses.blend, rows=len(batch.at))
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
-        return Response(await evaluation.records(serving, entry, found, crowd=True), media_type=OCTETS)
+        return Response(await evaluation.records(state, entry, found, crowd=True), media_type=OCTETS)
     return sliced(response_json.poses_json(entry, found, weights=batch.options.weights))
 
 
@@ -107,21 +107,21 @@ async def sequence(request: Request, verb: VerbName) -> Response:
     is one binary record per frame, channel 0, the last one flagged; as `text/x-bvh` it is a file in metres and degrees,
     always of all joints.
     """
-    serving, entry = served(request, verb)
+    state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS, BVH)
     asked = await read_model(request, SequenceRequest)
-    entry = await serving.at(entry, asked.version)
+    entry = await state.version(entry, asked.version)
     if form == BVH and (asked.joints is not None or asked.space != "local"):
         raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
-    motion = await evaluation.sequence(serving, entry, asked)
+    motion = await evaluation.sequence(state, entry, asked)
     track = [point.adverbs for point in asked.track or ()]
-    serving.asked(entry, asked.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
+    state.record_usage(entry, asked.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
     trace_of(request).method = motion.frames.poses.blend.method
     if form == OCTETS:
-        return Response(await evaluation.records(serving, entry, motion.frames, crowd=False), media_type=OCTETS)
+        return Response(await evaluation.records(state, entry, motion.frames, crowd=False), media_type=OCTETS)
     if form == BVH:
         whole = sequences.to_motion(entry.evaluator, motion.frames.poses, motion.fps)
-        text = await serving.pool.run(25.0 * len(whole), lambda: bvh.dump(whole))
+        text = await state.pool.run(25.0 * len(whole), lambda: bvh.dump(whole))
         name = f'attachment; filename="{entry.verb.name}.bvh"'
         return Response(text, headers={"content-type": f"{BVH}; charset=utf-8", "content-disposition": name})
     return sliced(response_json.sequence_json(entry, motion, weights=asked.weights))

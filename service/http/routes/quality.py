@@ -51,12 +51,12 @@ async def quality(
 
     Nodes outside the domain are null. κ scales with the square of the spacing: compare maps of one grid only.
     """
-    serving, entry = served(request, verb)
-    entry = await serving.at(entry, version)
+    state, entry = served(request, verb)
+    entry = await state.version(entry, version)
     entry.check(method=method)
     held = _held(at)
     work = partial(quality_map.over, entry.evaluator, method=method, across=across, up=up, held=held, nodes=nodes)
-    found = await serving.pool.run(NODE_US * nodes * nodes, work)
+    found = await state.pool.run(NODE_US * nodes * nodes, work)
     trace_of(request).method = found.method
     head = {
         "verb": entry.verb.name,

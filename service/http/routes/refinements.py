@@ -11,17 +11,17 @@ import orjson
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response, StreamingResponse
 
-from service.compute import aside
+from service.compute import run_in_thread
 from service.errors import AlreadyRefining, ReadOnly
-from service.http.context import serving_of
+from service.http.context import state_of
 from service.http.documented import VerbName, body, problems
 from service.http.negotiation import JSON, read_model
 from service.http.request_models import RefinementRequest
 from service.http.response_models import RefinementAnswer, RefinementList
 from service.refinement.errors import AlreadyRunning
-from service.refinement.job_spec import Asked
+from service.refinement.job_spec import RefinementSpec
 from service.refinement.queue import Refinements
-from service.state import Serving
+from service.state import ServerState
 from service.store.store import Job
 
 __all__ = ["router"]
@@ -48,13 +48,13 @@ ENDED = {"published", "not_better", "failed", "cancelled", "given_up"}
 )  # fmt: skip
 async def start(request: Request, verb: VerbName) -> Response:
     """Have a worker insert pseudo-examples where the verb is worst; the result is published if it is better."""
-    serving = serving_of(request)
-    refinements = _refinements(serving)
-    entry = serving.current().entry(verb)
+    state = state_of(request)
+    refinements = _refinements(state)
+    entry = state.current().entry(verb)
     asked = await read_model(request, RefinementRequest)
-    wanted = Asked.of(asked.model_dump())
+    wanted = RefinementSpec.from_json(asked.model_dump())
     try:
-        job = await aside(lambda: refinements.start(verb, entry.version, wanted, "a client"))
+        job = await run_in_thread(lambda: refinements.start(verb, entry.version, wanted, "a client"))
     except AlreadyRunning as err:
         raise AlreadyRefining(str(err), refinement=err.job) from err
     return Response(orjson.dumps(_told(job)), 202, {"Location": f"/v1/refinements/{job.id}"}, JSON)
@@ -73,8 +73,8 @@ async def refinements(
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> Response:
     """Tell which refinements there were, the newest first."""
-    known = _refinements(serving_of(request))
-    rows = await aside(lambda: known.jobs(verb=verb, limit=limit))
+    known = _refinements(state_of(request))
+    rows = await run_in_thread(lambda: known.jobs(verb=verb, limit=limit))
     return Response(orjson.dumps({"refinements": [_told(job) for job in rows]}), media_type=JSON)
 
 
@@ -87,8 +87,8 @@ async def refinements(
 )
 async def refinement(request: Request, id: str) -> Response:
     """Tell how far a refinement is: state, pseudo-examples, and the error with each of them so far."""
-    known = _refinements(serving_of(request))
-    return Response(orjson.dumps(_told(await aside(lambda: known.job(id)))), media_type=JSON)
+    known = _refinements(state_of(request))
+    return Response(orjson.dumps(_told(await run_in_thread(lambda: known.job(id)))), media_type=JSON)
 
 
 @router.delete(
@@ -100,8 +100,8 @@ async def refinement(request: Request, id: str) -> Response:
 )
 async def cancel(request: Request, id: str) -> Response:
     """Stop a refinement after its current step; nothing is published. One that has ended stays as it is."""
-    known = _refinements(serving_of(request))
-    return Response(orjson.dumps(_told(await aside(lambda: known.cancel(id)))), media_type=JSON)
+    known = _refinements(state_of(request))
+    return Response(orjson.dumps(_told(await run_in_thread(lambda: known.cancel(id)))), media_type=JSON)
 
 
 @router.get(
@@ -116,8 +116,8 @@ async def cancel(request: Request, id: str) -> Response:
 )
 async def follow(request: Request, id: str) -> Response:
     """Send an event with the refinement, as `GET` gives it, whenever it changes; the last one when it has ended."""
-    known = _refinements(serving_of(request))
-    first = await aside(lambda: known.job(id))
+    known = _refinements(state_of(request))
+    first = await run_in_thread(lambda: known.job(id))
     headers = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
     return StreamingResponse(_events(known, first), media_type="text/event-stream", headers=headers)
 
@@ -136,14 +136,14 @@ async def _events(known: Refinements, job: Job) -> AsyncIterator[bytes]:
             return
         quiet += 1
         await asyncio.sleep(FOLLOW_S)
-        job = await aside(partial(known.job, job.id))
+        job = await run_in_thread(partial(known.job, job.id))
 
 
-def _refinements(serving: Serving) -> Refinements:
-    serving.current()  # not before everything is loaded
-    if serving.refinements is None:
+def _refinements(state: ServerState) -> Refinements:
+    state.current()  # not before everything is loaded
+    if state.refinements is None:
         raise ReadOnly("this server was started without a data folder, and refines nothing; start it with --data")
-    return serving.refinements
+    return state.refinements
 
 
 def _told(job: Job) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import orjson
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
-from service.http.context import served, serving_of
+from service.http.context import served, state_of
 from service.http.documented import LOOKING, VerbName, problems
 from service.http.negotiation import JSON, header
 from service.http.response_models import VerbAnswer, VerbList
@@ -22,7 +22,7 @@ router = APIRouter(prefix="/v1/verbs", tags=["verbs"])
 )
 async def verbs(request: Request) -> Response:
     """Name the verbs that are served, with their versions and adverbs."""
-    entries = serving_of(request).current().entries.values()
+    entries = state_of(request).current().entries.values()
     rows = [describe.summary(entry.verb, version=entry.version) for entry in entries]
     return Response(orjson.dumps({"verbs": rows}), media_type=JSON)
 

@@ -14,14 +14,14 @@ from fastapi import Path as InPath
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
-from service.catalog.store_sync import Keeper
-from service.compute import aside
+from service.catalog.store_sync import StoreSync
+from service.compute import run_in_thread
 from service.errors import ReadOnly
-from service.http.context import serving_of
+from service.http.context import state_of
 from service.http.documented import VerbName, forms, problems
 from service.http.negotiation import JSON, OCTETS, header, media_type
 from service.http.response_models import UploadAnswer, VersionAnswer, VersionsAnswer
-from service.state import Serving
+from service.state import ServerState
 from service.store.store import Version
 from verbs.errors import RequestError
 
@@ -59,20 +59,20 @@ async def upload(request: Request) -> Response:
     A source is built first. The verb's name is the one inside. With `If-Match: "3"` it becomes the next version only
     if version 3 is current.
     """
-    serving = serving_of(request)
-    keeper = _keeper(serving)
+    state = state_of(request)
+    sync = _store_sync(state)
     media_type(request, OCTETS, ZIP)
     expected = _expected(request)
-    async with _received(request, serving) as (content, result):
-        made = await serving.builder.make(content, result)
+    async with _received(request, state) as (content, result):
+        made = await state.builder.make(content, result)
 
         def publish() -> Version:
-            return keeper.store.publish(
+            return sync.store.publish(
                 *(made.verb, result), author=WHO, reason="upload", quality=made.quality, expected=expected
             )
 
-        version = await aside(publish)
-    await serving.renew()
+        version = await run_in_thread(publish)
+    await state.refresh()
     answer = {**_told(version, version.number), "warnings": made.warnings}
     headers = {"ETag": f'"{version.number}"', "Location": f"/v1/verbs/{version.verb}"}
     return Response(orjson.dumps(answer), 201, headers, JSON)
@@ -87,10 +87,10 @@ async def upload(request: Request) -> Response:
 )
 async def delete(request: Request, verb: VerbName) -> Response:
     """Stop serving a verb. Its versions stay for a while: activating one brings it back."""
-    serving = serving_of(request)
-    keeper, expected = _keeper(serving), _expected(request)
-    await aside(lambda: keeper.store.delete(verb, author=WHO, reason="delete", expected=expected))
-    await serving.renew()
+    state = state_of(request)
+    sync, expected = _store_sync(state), _expected(request)
+    await run_in_thread(lambda: sync.store.delete(verb, author=WHO, reason="delete", expected=expected))
+    await state.refresh()
     return Response(status_code=204)
 
 
@@ -103,8 +103,8 @@ async def delete(request: Request, verb: VerbName) -> Response:
 )
 async def versions(request: Request, verb: VerbName) -> Response:
     """Tell which versions there are, who made them and why, how good they are, and which one is served."""
-    store = _keeper(serving_of(request)).store
-    rows, pointers = await aside(lambda: (store.versions(verb), store.current()))
+    store = _store_sync(state_of(request)).store
+    rows, pointers = await run_in_thread(lambda: (store.versions(verb), store.current()))
     current = pointers[verb].number if verb in pointers else None
     answer = {
         "verb": verb,
@@ -124,10 +124,12 @@ async def versions(request: Request, verb: VerbName) -> Response:
 )
 async def activate(request: Request, verb: VerbName, number: Number) -> Response:
     """Roll a verb back or forward. Streams pass to it between two frames."""
-    serving = serving_of(request)
-    keeper, expected = _keeper(serving), _expected(request)
-    version = await aside(lambda: keeper.store.activate(verb, number, author=WHO, reason="activate", expected=expected))
-    await serving.renew()
+    state = state_of(request)
+    sync, expected = _store_sync(state), _expected(request)
+    version = await run_in_thread(
+        lambda: sync.store.activate(verb, number, author=WHO, reason="activate", expected=expected)
+    )
+    await state.refresh()
     return Response(orjson.dumps(_told(version, version.number)), 200, {"ETag": f'"{version.number}"'}, JSON)
 
 
@@ -142,16 +144,16 @@ async def download(request: Request, verb: VerbName, number: Number) -> Response
     """Give a version's artifact."""
     from starlette.responses import FileResponse
 
-    store = _keeper(serving_of(request)).store
-    path = await aside(lambda: store.path(store.version(verb, number)))
+    store = _store_sync(state_of(request)).store
+    path = await run_in_thread(lambda: store.path(store.version(verb, number)))
     return FileResponse(path, media_type=OCTETS, filename=f"{verb}.verb")
 
 
-def _keeper(serving: Serving) -> Keeper:
-    serving.current()  # not before everything is loaded
-    if serving.keeper is None:
+def _store_sync(state: ServerState) -> StoreSync:
+    state.current()  # not before everything is loaded
+    if state.store_sync is None:
         raise ReadOnly("this server was started without a data folder, and keeps nothing; start it with --data")
-    return serving.keeper
+    return state.store_sync
 
 
 def _expected(request: Request) -> int | None:
@@ -166,9 +168,9 @@ def _expected(request: Request) -> int | None:
 
 
 @asynccontextmanager
-async def _received(request: Request, serving: Serving) -> AsyncIterator[tuple[Path, Path]]:
+async def _received(request: Request, state: ServerState) -> AsyncIterator[tuple[Path, Path]]:
     """A file with the request's body, and a name for the verb that it becomes; both are gone afterwards."""
-    folder = serving.uploads
+    folder = state.uploads
     name = secrets.token_hex(8)
     content, result = folder / f"{name}.upload", folder / f"{name}.verb"
     try:

@@ -1,4 +1,4 @@
-"""Which refinement is published: one that is better at points which it never saw, and hardly less smooth."""
+"""Acceptance test of a refinement: lower errors at held-out points, and smoothness within a limit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from service.refinement.usage_counts import drawn
+from service.refinement.usage_cells import sample_cells
 from verbs.conventions import F64
 from verbs.domain import random_points
 from verbs.goal import diagonal
@@ -16,24 +16,24 @@ from verbs.quality.smoothness import smoothness
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb
 
-__all__ = ["HELD_OUT", "SMOOTHNESS_LIMIT", "Figures", "Verdict", "held_out", "judge", "method_of"]
+__all__ = ["HELD_OUT", "SMOOTHNESS_LIMIT", "Comparison", "Figures", "compare", "held_out", "method_of"]
 
 SMOOTHNESS_LIMIT = 1.25
-"""Largest ratio of the new version's mean curvature κ of weights to the old one's, on the same slices.
+"""Largest accepted ratio of the mean curvature κ of the weights, new version to current one, on the same slices.
 
-Refining bends weights a little: the built-in verbs come to 1.0 to 1.2 times the κ of their unrefined basis.
+Refinement raises κ a little: 1.0 to 1.2 times that of the unrefined basis for the built-in verbs.
 """
 
 HELD_OUT = 3_000
-"""Points at which versions are compared; with traffic half of them are drawn from it."""
+"""Number of held-out points; with recorded usage half of them are sampled from it."""
 
 _STREAM = 3
-"""Which random numbers of a seed held-out points are drawn from; a refinement takes those of streams 0 to 2."""
+"""Random stream of held-out points; a refinement uses streams 0 to 2 of the same seed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """One version by one method: errors at the held-out points, in metres (speeds: m/s), and mean κ on the slices."""
+    """Quality of a version by one method: errors at the held-out points, metres (speeds: m/s), and mean κ."""
 
     method: str
     error_mean_m: float
@@ -42,19 +42,19 @@ class Figures:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """What comparing a new version with the current one came to.
+class Comparison:
+    """Result of comparing a new version with the one that it was refined from.
 
     Parameters
     ----------
     now, new : Figures
-        Of the current version and of the new one.
+        Figures of the earlier version and of the new one.
     points : int
         Number of held-out points.
     diagonal_m : float
-        Of the examples' goals, metres; errors over it are shares.
+        Diagonal of the examples' goals, metres.
     reasons : tuple of str
-        Why the new one is not better; none where it is.
+        Why the new one is not better; empty if it is.
     """
 
     now: Figures
@@ -79,7 +79,7 @@ class Verdict:
         )
         return text if self.better else f"not better: {', '.join(self.reasons)}; {text}"
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """JSON values."""
         return asdict(self) | {
             "better": self.better,
@@ -89,19 +89,19 @@ class Verdict:
 
 
 def held_out(verb: Verb, seed: int, cells: Sequence[Mapping[str, Any]] | None) -> F64:
-    """Adverbs (:data:`HELD_OUT`, D) at which versions are compared; half of them from traffic, if any is given."""
-    weighted = drawn(verb, cells or (), np.random.default_rng([seed, _STREAM, 1]), HELD_OUT // 2)
+    """Adverbs (:data:`HELD_OUT`, D) at which versions are compared; half of them from usage cells, if there are any."""
+    weighted = sample_cells(verb, cells or (), np.random.default_rng([seed, _STREAM, 1]), HELD_OUT // 2)
     uniform = random_points(verb, np.random.default_rng([seed, _STREAM, 0]), HELD_OUT - len(weighted))
     return np.concatenate([uniform, weighted])
 
 
 def method_of(verb: Verb, method: str) -> str:
-    """The method by which a version is judged: what was asked for, or ``rbf`` where it was never refined."""
+    """The method that a version is measured by: the requested one, or ``rbf`` without a refined basis."""
     return method if "refined" in verb.bases else "rbf"
 
 
-def judge(now: Verb, new: Verb, method: str, points: F64) -> Verdict:
-    """Compare a refined version with the current one at points (B, D) that the refinement did not see."""
+def compare(now: Verb, new: Verb, method: str, points: F64) -> Comparison:
+    """Compare a refined version with the one before it, at held-out points (B, D)."""
     old, fresh = _figures(now, method_of(now, method), points), _figures(new, method, points)
     reasons = []
     if not fresh.error_mean_m < old.error_mean_m:
@@ -110,7 +110,7 @@ def judge(now: Verb, new: Verb, method: str, points: F64) -> Verdict:
         reasons.append("its largest error is not lower")
     if not fresh.smoothness <= SMOOTHNESS_LIMIT * old.smoothness:
         reasons.append(f"its κ is more than {SMOOTHNESS_LIMIT} times the current one's")
-    return Verdict(old, fresh, len(points), diagonal(now), tuple(reasons))
+    return Comparison(old, fresh, len(points), diagonal(now), tuple(reasons))
 
 
 def _figures(verb: Verb, method: str, points: F64) -> Figures:

@@ -1,8 +1,8 @@
-"""Whether the worker of this machine lives, for whoever starts it again.
+"""Health check of the worker on this machine, for container orchestration.
 
 ``python -m service.refinement.worker.healthcheck [NAME]``
 
-A worker holds the lock of its name for as long as it lives, and serves nothing that could be asked instead.
+A worker holds the lock of its name as long as it runs; it has no HTTP endpoint.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ __all__ = ["alive"]
 
 
 def alive(database_url: str, executor_id: str) -> bool:
-    """Whether a worker of that name holds its lock; also where the database cannot say."""
+    """Whether a worker of that name holds its lock."""
     locks = locks_of(database_url)
     try:
-        with locks.tried(executor_id) as dead:
+        with locks.try_lock(executor_id) as dead:
             return not dead
     finally:
         locks.close()

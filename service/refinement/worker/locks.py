@@ -1,8 +1,8 @@
-"""Which workers live: each holds a lock for as long as it does, and the others try it.
+"""Locks that show which workers are alive: each worker holds one as long as it runs, and others try to take it.
 
-Nothing has to be written while a job runs, and no time-out has to be longer than the longest pause: a lock falls with
-its process. With SQLite it is a file beside the database (one machine, a local disk); in PostgreSQL an advisory lock of
-a session, which a machine that vanishes loses within about 25 s.
+A lock is released with its process, so there are neither heartbeats nor time-outs. With SQLite it is a file beside the
+database (one machine, a local disk); in PostgreSQL an advisory lock of a session, which a machine that vanishes loses
+within about 25 s.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sqlalchemy import make_url
 
 from verbs.errors import OutOfRange
 
-__all__ = ["FileLocks", "Hold", "Locks", "SessionLocks", "check_executor", "locks_of"]
+__all__ = ["FileLocks", "Lock", "Locks", "SessionLocks", "check_executor", "locks_of"]
 
 _EXECUTOR = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 
@@ -34,36 +34,36 @@ _CONNECTION: dict[str, Any] = {
 }  # fmt: skip
 
 
-class Hold(Protocol):
+class Lock(Protocol):
     """A lock that this process holds."""
 
-    def held(self) -> bool:
-        """Whether it did all the time; asked every second, takes the lock again where it was lost with a connection."""
+    def ensure(self) -> bool:
+        """Whether the lock was never lost; if its connection was, try to take it again. Called every second."""
         ...
 
     def release(self) -> None:
-        """Let go."""
+        """Release the lock."""
         ...
 
 
 class Locks(Protocol):
     """Locks of executors, by their ids."""
 
-    def hold(self, executor_id: str) -> Hold | None:
-        """Take the lock until it is released; None where another process holds it."""
+    def acquire(self, executor_id: str) -> Lock | None:
+        """Take the lock; None if another process holds it."""
         ...
 
     @contextmanager
-    def tried(self, executor_id: str) -> Iterator[bool]:
-        """Try the lock, and keep it for as long as the context lasts: yields whether its worker is dead."""
+    def try_lock(self, executor_id: str) -> Iterator[bool]:
+        """Try to hold the lock during the context; yields whether it was free, so that its worker is dead."""
         ...
 
-    def tidy(self) -> None:
-        """Remove what dead workers left of their locks."""
+    def remove_stale(self) -> None:
+        """Remove lock files of dead workers."""
         ...
 
     def close(self) -> None:
-        """Close what trying locks needed; locks that are held are another matter."""
+        """Close the connection for :meth:`try_lock`; acquired locks stay held."""
         ...
 
 
@@ -77,19 +77,19 @@ def locks_of(database_url: str) -> Locks:
 
 
 def check_executor(executor_id: str) -> str:
-    """The id, where it may be one; it becomes a part of a file name."""
+    """Validate an executor id, which becomes part of a file name; raises :class:`OutOfRange`."""
     if _EXECUTOR.fullmatch(executor_id) is None:
         raise OutOfRange(f"executor id {executor_id!r:.80} is not 1 to 63 letters, digits, '.', '_' or '-'")
     return executor_id
 
 
 class FileLocks:
-    """Locks as files of a folder, removed by whoever lets go: a lock on a file that is gone excludes nobody."""
+    """Locks as files of a folder. A file is removed on release, so a lock counts only while its file exists."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def hold(self, executor_id: str) -> FileHold | None:
+    def acquire(self, executor_id: str) -> FileLock | None:
         """See :class:`Locks`."""
         path = self.folder / f"exec-{check_executor(executor_id)}.lock"
         while True:
@@ -101,41 +101,41 @@ class FileLocks:
                 return None
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(descriptor), path.stat()):
-                    return FileHold(path, descriptor)
-            os.close(descriptor)  # it was removed between opening and locking: another one counts now
+                    return FileLock(path, descriptor)
+            os.close(descriptor)  # the file was removed between opening and locking it
 
     @contextmanager
-    def tried(self, executor_id: str) -> Iterator[bool]:
+    def try_lock(self, executor_id: str) -> Iterator[bool]:
         """See :class:`Locks`."""
-        found = self.hold(executor_id)
+        found = self.acquire(executor_id)
         try:
             yield found is not None
         finally:
             if found is not None:
                 found.release()
 
-    def tidy(self) -> None:
+    def remove_stale(self) -> None:
         """See :class:`Locks`."""
         for path in self.folder.glob("exec-*.lock"):
-            with self.tried(path.stem.removeprefix("exec-")):
-                pass  # letting go removes it
+            with self.try_lock(path.stem.removeprefix("exec-")):
+                pass  # releasing it removes the file
 
     def close(self) -> None:
         """See :class:`Locks`."""
 
 
-class FileHold:
+class FileLock:
     """A locked file."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path, self._descriptor = path, descriptor
 
-    def held(self) -> bool:
-        """See :class:`Hold`."""
+    def ensure(self) -> bool:
+        """See :class:`Lock`."""
         return True
 
     def release(self) -> None:
-        """See :class:`Hold`."""
+        """See :class:`Lock`."""
         self._path.unlink(missing_ok=True)
         os.close(self._descriptor)
 
@@ -144,60 +144,60 @@ class SessionLocks:
     """Advisory locks of PostgreSQL sessions; needs direct connections, no pooler that shares sessions."""
 
     def __init__(self, url: str) -> None:
-        self._url, self._trials = url, Session(url)
+        self._url, self._trying = url, Session(url)
 
-    def hold(self, executor_id: str) -> SessionHold | None:
+    def acquire(self, executor_id: str) -> SessionLock | None:
         """See :class:`Locks`."""
-        found = SessionHold(Session(self._url), _key(executor_id))
+        found = SessionLock(Session(self._url), _key(executor_id))
         return found if found.take() else None
 
     @contextmanager
-    def tried(self, executor_id: str) -> Iterator[bool]:
+    def try_lock(self, executor_id: str) -> Iterator[bool]:
         """See :class:`Locks`."""
         key = _key(executor_id)
-        found = self._trials.ask("SELECT pg_try_advisory_lock(%s::int, %s::int)", key)
+        found = self._trying.query("SELECT pg_try_advisory_lock(%s::int, %s::int)", key)
         try:
             yield found
         finally:
             if found:
-                self._trials.ask("SELECT pg_advisory_unlock(%s::int, %s::int)", key)
+                self._trying.query("SELECT pg_advisory_unlock(%s::int, %s::int)", key)
 
-    def tidy(self) -> None:
-        """See :class:`Locks`; a session leaves nothing."""
+    def remove_stale(self) -> None:
+        """See :class:`Locks`; sessions leave nothing behind."""
 
     def close(self) -> None:
         """See :class:`Locks`."""
-        self._trials.close()
+        self._trying.close()
 
 
-class SessionHold:
-    """An executor's lock, or the wish to have it."""
+class SessionLock:
+    """The lock of an executor in a session of its own."""
 
     def __init__(self, session: Session, key: tuple[int, int]) -> None:
         self._session, self._key = session, key
 
-    def held(self) -> bool:
-        """See :class:`Hold`."""
+    def ensure(self) -> bool:
+        """See :class:`Lock`."""
         if self._session.open:
             with suppress(psycopg.Error):
-                return self._session.ask("SELECT true")
+                return self._session.query("SELECT true")
         self.take()
         return False
 
     def take(self) -> bool:
-        """Try to take the lock; returns whether it has it now."""
-        if self._session.ask("SELECT pg_try_advisory_lock(%s::int, %s::int)", self._key):
+        """Try to take the lock; returns whether it is held now."""
+        if self._session.query("SELECT pg_try_advisory_lock(%s::int, %s::int)", self._key):
             return True
         self._session.close()
         return False
 
     def release(self) -> None:
-        """See :class:`Hold`."""
+        """See :class:`Lock`."""
         self._session.close()
 
 
 class Session:
-    """A connection of its own, opened when it is needed, and given up at the first failure."""
+    """A connection that is opened on demand, and closed at the first failure."""
 
     def __init__(self, url: str) -> None:
         self._url = url
@@ -205,22 +205,22 @@ class Session:
 
     @property
     def open(self) -> bool:
-        """Whether there is a connection, as far as is known."""
+        """Whether a connection is open."""
         return self._connection is not None
 
-    def ask(self, question: LiteralString, key: tuple[int, int] | None = None) -> bool:
-        """A question's one answer; raises :class:`psycopg.Error` where the server does not give it."""
+    def query(self, statement: LiteralString, key: tuple[int, int] | None = None) -> bool:
+        """Execute a statement that returns one boolean; raises :class:`psycopg.Error`."""
         try:
             if self._connection is None:
                 self._connection = psycopg.connect(self._url, autocommit=True, **_CONNECTION)
-            row = self._connection.execute(question, key).fetchone()
+            row = self._connection.execute(statement, key).fetchone()
         except psycopg.Error:
             self.close()
             raise
         return row is not None and row[0]
 
     def close(self) -> None:
-        """Close it, and let go of every lock that was taken through it."""
+        """Close the connection, which releases its locks."""
         if self._connection is not None:
             self._connection.close()
         self._connection = None

@@ -1,4 +1,4 @@
-"""One worker process: takes jobs from the queue, looks after those of dead workers, and ends when it is asked to."""
+"""A worker process: runs jobs of the queue, recovers those of dead workers, and ends on SIGTERM or SIGINT."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ import structlog
 from dbos import DBOS
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.refinement import engine
+from service.refinement import dbos_setup
 from service.refinement.errors import ExecutorInUse
-from service.refinement.worker.locks import Hold, Locks, check_executor, locks_of
+from service.refinement.worker.locks import Lock, Locks, check_executor, locks_of
 from service.refinement.worker.reaper import Reaper
-from service.refinement.worker.steps import STEP_S, Work, transient
+from service.refinement.worker.steps import STEP_S, JobSteps, transient
 from service.store.records import StoreError, StoreUnavailable
 from service.store.store import Store
 
-__all__ = ["LEAVE_S", "Worker", "run"]
+__all__ = ["STOP_S", "Worker", "run"]
 
-LEAVE_S = 10
-"""Time for the current step to end when the worker is asked to stop, seconds; after that another worker repeats it."""
+STOP_S = 10
+"""Time for the current step to end on SIGTERM, seconds; after that another worker repeats it."""
 
 TAKEN_S = 10.0
-"""How long a worker waits for an earlier one of its id to end."""
+"""Longest wait for an earlier worker with the same id to end, seconds."""
 
 RETRY_S, TRIES = 2.0, 43_200
-"""How a step waits for a database that went away: a day long."""
+"""Pause between attempts of a step while the database is unavailable, seconds, and their number: one day."""
 
 CALM_S = 5.0
-"""Time after a lost connection in which nobody is taken for dead: the others may have lost theirs as well."""
+"""Pause of recovery after a lost connection, seconds: other workers may have lost their locks as well."""
 
-ADOPT_S, TIDY_S = 10.0, 3_600.0
-"""How often to look for jobs that nobody works on, and to remove what is known of old ones."""
+ADOPT_S, REMOVE_OLD_S = 10.0, 3_600.0
+"""Intervals of queueing lost jobs and of removing old ones, seconds."""
 
 log = structlog.get_logger("adverb.worker")
 
@@ -55,36 +55,36 @@ def run(
     parent: int | None = None,
     say: Callable[[str], None],
 ) -> None:
-    """Work until SIGTERM or SIGINT.
+    """Run jobs until SIGTERM or SIGINT.
 
     Parameters
     ----------
     database_url, artifacts : str
-        The store's.
+        Addresses of the store.
     executor_id : str
-        Name of this worker, the same after a restart and no other's.
+        Unique name of this worker, unchanged by a restart.
     poll_s : float
-        How often to look for jobs of dead workers, seconds.
+        Interval of checks for jobs of dead workers, seconds.
     step_s : float
-        Least time of a step, seconds.
+        Shortest duration of a step, seconds.
     cache : Path, optional
-        Local folder for what an object store keeps.
+        Local folder for copies of an object store's blobs.
     parent : int, optional
-        Process without which the worker ends too: that of a server which started it.
+        Id of the server process that started the worker; the worker ends with it.
     say : callable
-        Told, once, that the worker is ready.
+        Called once with a message when the worker is ready.
 
     Raises
     ------
     ExecutorInUse
-        Another worker runs under this id.
+        Another worker uses this id.
     StoreError
         The database or the artifacts cannot be used.
     """
-    asked_to_stop = threading.Event()
+    stopping = threading.Event()
 
     def stop(number: int, frame: FrameType | None) -> None:
-        asked_to_stop.set()
+        stopping.set()
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
@@ -92,16 +92,16 @@ def run(
         worker = Worker(database_url, artifacts, executor_id=executor_id, step_s=step_s, cache=cache)
         worker.start()
     except (SQLAlchemyError, psycopg.Error) as err:
-        raise StoreUnavailable(f"the queue of jobs cannot be reached ({type(err).__name__})") from err
+        raise StoreUnavailable(f"the job queue cannot be reached ({type(err).__name__})") from err
     say(f"worker '{executor_id}' is ready")
-    while not asked_to_stop.wait(poll_s) and parent in (None, os.getppid()):
-        worker.look()
+    while not stopping.wait(poll_s) and parent in (None, os.getppid()):
+        worker.check()
     if not worker.stop():
-        os._exit(0)  # a step cannot be interrupted, and Python would wait for it; another worker repeats it
+        os._exit(0)  # Python would wait for the running step; another worker repeats it
 
 
 class Worker:
-    """A worker; there can be one to a process, for DBOS keeps what it knows in the module.
+    """A worker; at most one per process, because DBOS is global.
 
     Parameters
     ----------
@@ -122,82 +122,82 @@ class Worker:
     ) -> None:
         self._url, self._executor_id = database_url, check_executor(executor_id)
         self._store = Store.open(database_url, artifacts, cache=cache)
-        self._work = Work(self._store, artifacts, step=_durably, cache=cache, step_s=step_s)
-        engine.prepare(database_url)
-        self._locks, self._client = locks_of(database_url), engine.connect(database_url)
+        self._steps = JobSteps(self._store, artifacts, step=_durably, cache=cache, step_s=step_s)
+        dbos_setup.prepare(database_url)
+        self._locks, self._client = locks_of(database_url), dbos_setup.connect(database_url)
         self._reaper = Reaper(
             self._store, self._client, self._locks, executor_id, artifacts=artifacts, cache=cache
         )  # fmt: skip
-        self._hold: Hold | None = None
+        self._lock: Lock | None = None
         self._tasks = (
-            ("round", self._reaper.round, 0.0),
+            ("reap", self._reaper.reap, 0.0),
             ("adopt", self._reaper.adopt, ADOPT_S),
-            ("tidy", self._reaper.tidy, TIDY_S),
+            ("remove_old", self._reaper.remove_old, REMOVE_OLD_S),
         )
         self._due = {name: 0.0 for name, _, _ in self._tasks}
 
     def start(self) -> None:
-        """Take the executor's lock and the first job; raises :class:`ExecutorInUse`."""
-        self._hold = _held(self._locks, self._executor_id)
+        """Take the executor's lock and start running jobs; raises :class:`ExecutorInUse`."""
+        self._lock = _acquire(self._locks, self._executor_id)
         self._reaper.take_own()
-        engine.quiet()
-        DBOS(config=engine.config(self._url, self._executor_id))
-        work = self._work
+        dbos_setup.configure_logging()
+        DBOS(config=dbos_setup.config(self._url, self._executor_id))
+        steps = self._steps
 
-        @DBOS.workflow(name=engine.WORKFLOW, max_recovery_attempts=engine.RECOVERIES)
+        @DBOS.workflow(name=dbos_setup.WORKFLOW, max_recovery_attempts=dbos_setup.RECOVERIES)
         def refine(job: str) -> dict[str, Any]:
-            return work.run(job)
+            return steps.run(job)
 
         DBOS.launch()
         log.info("worker ready", executor=self._executor_id)
 
-    def look(self) -> None:
-        """Take over what dead workers left. What goes wrong is logged: the next look may do better."""
+    def check(self) -> None:
+        """Recover jobs of dead workers and remove old ones; failures are logged, and retried by the next check."""
         now_s = time.monotonic()
         try:
-            if self._hold is not None and not self._hold.held():
+            if self._lock is not None and not self._lock.ensure():
                 log.warning("executor's lock was lost", executor=self._executor_id)
-                self._due["round"] = now_s + CALM_S
+                self._due["reap"] = now_s + CALM_S
             for name, task, every_s in self._tasks:
                 if now_s >= self._due[name]:
                     task()
                     self._due[name] = now_s + every_s
         except (SQLAlchemyError, psycopg.Error, StoreError, OSError) as err:
-            log.warning("cannot look after other workers' jobs", problem=type(err).__name__)
-            self._due["round"] = now_s + CALM_S
+            log.warning("cannot recover jobs of other workers", problem=type(err).__name__)
+            self._due["reap"] = now_s + CALM_S
 
     def stop(self) -> bool:
-        """End after the current step, and hand the job back; returns whether the step ended in time."""
-        self._work.leaving.set()
-        DBOS.destroy(workflow_completion_timeout_sec=LEAVE_S - 2, destroy_registry=True)
-        ended = _ended()
+        """Stop after the current step and put the job back into the queue; returns whether the step ended in time."""
+        self._steps.stopping.set()
+        DBOS.destroy(workflow_completion_timeout_sec=STOP_S - 2, destroy_registry=True)
+        ended = _join_threads()
         try:
             handed_back = self._reaper.hand_back()
             log.info("worker ended", executor=self._executor_id, handed_back=handed_back)
-        except SQLAlchemyError as err:  # then others find the job when they find the lock free
+        except SQLAlchemyError as err:  # others take the jobs over when the lock is free
             log.warning("jobs cannot be handed back", problem=type(err).__name__)
-        if self._hold is not None:
-            self._hold.release()
+        if self._lock is not None:
+            self._lock.release()
         self._locks.close()
         self._client.destroy()
         self._store.close()
         return ended
 
 
-def _held(locks: Locks, executor_id: str) -> Hold:
-    """The executor's lock, for which an earlier worker may take its time."""
+def _acquire(locks: Locks, executor_id: str) -> Lock:
+    """Take the executor's lock; wait up to :data:`TAKEN_S` for an earlier worker."""
     deadline_s = time.monotonic() + TAKEN_S
     while True:
-        hold = locks.hold(executor_id)
-        if hold is not None:
-            return hold
+        lock = locks.acquire(executor_id)
+        if lock is not None:
+            return lock
         if time.monotonic() > deadline_s:
             raise ExecutorInUse(executor_id)
         time.sleep(0.1)
 
 
-def _ended() -> bool:
-    """Whether every thread of DBOS that runs jobs ends within a second; idle ones do so at once."""
+def _join_threads() -> bool:
+    """Whether all job threads of DBOS end within a second; idle ones end at once."""
     deadline_s = time.monotonic() + 1.0
     threads = [thread for thread in threading.enumerate() if thread.name.startswith("dbos-executor")]
     for thread in threads:
@@ -206,7 +206,7 @@ def _ended() -> bool:
 
 
 def _durably(name: str, function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-    """Run a step, whose result DBOS keeps; while the store is away it is tried again and again."""
+    """Run a step and store its result in DBOS; retry while the store is unavailable."""
     return DBOS.run_step(
         {
             "name": name,

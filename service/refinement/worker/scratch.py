@@ -1,4 +1,4 @@
-"""What a job keeps between its steps: blobs beside the artifacts, under ``jobs/<job>``, gone when the job is."""
+"""Blobs of a job, under ``jobs/<job>`` beside the artifacts; removed when the job ends."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from verbs.verb import Verb
 __all__ = ["KEPT", "Scratch"]
 
 KEPT = 4
-"""Latest checkpoints that are kept: the one to go on from, and some for a worker that lags behind."""
+"""Number of checkpoints to keep: the latest, and some for a worker that lags behind."""
 
 
 class Scratch:
-    """Blobs of one job, named by their hashes: writing one again changes nothing.
+    """Blobs of one job, named by their hashes, so that writing one again changes nothing.
 
     Parameters
     ----------
     artifacts : str
-        Where the store's artifacts lie.
+        Address of the store's artifacts.
     job : str
     cache : Path, optional
-        Local folder for what an object store keeps.
+        Local folder for copies of an object store's blobs.
     """
 
     def __init__(self, artifacts: str, job: str, *, cache: Path | None = None) -> None:
@@ -35,14 +35,14 @@ class Scratch:
         self._blobs = open_blobs(place, cache=copies)
 
     def put(self, data: bytes) -> str:
-        """Keep bytes; returns their name."""
+        """Store bytes; returns their name."""
         with tempfile.TemporaryDirectory(prefix="adverb-") as folder:
             path = Path(folder) / "blob"
             path.write_bytes(data)
             return str(self._blobs.put(path, lambda step: None).sha256)
 
     def put_verb(self, verb: Verb) -> str:
-        """Keep a verb's file; returns its name, which is what it will be published as."""
+        """Store a verb as an artifact; returns its name, which is the hash that it is published under."""
         with tempfile.TemporaryDirectory(prefix="adverb-") as folder:
             path = Path(folder) / "blob.verb"
             artifact.save(verb, path)
@@ -57,16 +57,16 @@ class Scratch:
         return self._blobs.path(name)
 
     def latest(self, names: Sequence[str], name: str) -> list[str]:
-        """The names to keep after one more; removes what is too old."""
+        """Add a name to the list of kept blobs, and remove the oldest ones beyond :data:`KEPT`."""
         kept = [*(one for one in names if one != name), name]
         self._blobs.remove(Blob(f"{one}.verb", one, 0, 0.0) for one in kept[:-KEPT])
         return kept[-KEPT:]
 
     def clear(self) -> None:
-        """Remove all of it."""
+        """Remove all blobs of the job."""
         for place in (self._blobs, self._blobs.cache):
             if place is not None:
                 place.remove(place.listing())
             if isinstance(place, Folder):
-                with suppress(OSError):  # something else lies there, or somebody else was faster
+                with suppress(OSError):  # not empty, or removed by another process
                     place.root.rmdir()

@@ -23,16 +23,16 @@ def serving(catalog: Catalog) -> Iterator[str]:
 
     async def opened() -> None:
         packing.warm()
-        app.state.serving.offer(catalog)
+        app.state.server.set_catalog(catalog)
 
-    app.state.serving.open = opened
+    app.state.server.run = opened
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
-        server = Server(config_of(app, settings), app.state.serving.hub)
+        server = Server(config_of(app, settings), app.state.server.hub)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
         thread.start()
         end = time.monotonic() + 60.0
-        while not (server.started and app.state.serving.ready.is_set()):
+        while not (server.started and app.state.server.ready.is_set()):
             assert time.monotonic() < end, "the server does not start"
             time.sleep(0.01)
         try:

@@ -22,14 +22,14 @@ class Kept(Server):
 
     def __init__(self, **settings):
         super().__init__(None, **settings)
-        del self.serving.open
-        opened = self.serving.open
+        del self.state.run
+        opened = self.state.run
 
         async def open_here():
             self.loop = asyncio.get_running_loop()
             await opened()
 
-        self.serving.open = open_here
+        self.state.run = open_here
 
 
 def zipped_arm(folder, description=""):

@@ -127,9 +127,9 @@ def refused(*arguments, **environment):
 
 def test_a_worker_whose_name_is_in_use_says_so(tmp_path):
     locks = locks_of(f"sqlite:///{tmp_path}/state.db")
-    hold = locks.hold("mine")
+    lock = locks.acquire("mine")
     assert "another worker runs as 'mine'" in refused("--data", str(tmp_path), "--name", "mine")
-    hold.release()
+    lock.release()
     locks.close()
 
 

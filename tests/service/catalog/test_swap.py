@@ -61,7 +61,9 @@ async def test_twenty_versions_come_and_go_under_a_hundred_streams(server, arms,
             await shown(clients, reading, number)
             if k % 4 == 3:
                 back = number - 1
-                await asyncio.to_thread(server.serving.keeper.store.activate, "arm", back, author="test", reason="back")
+                await asyncio.to_thread(
+                    server.state.store_sync.store.activate, "arm", back, author="test", reason="back"
+                )
                 await shown(clients, reading, back)
         await asyncio.gather(*(client.socket.close() for client in clients))
         await asyncio.gather(*reading, return_exceptions=True)
@@ -76,7 +78,7 @@ async def test_twenty_versions_come_and_go_under_a_hundred_streams(server, arms,
 
 def publish(server, verb, path):
     artifact.save(verb, path)
-    store = server.serving.keeper.store
+    store = server.state.store_sync.store
     return store.publish("arm", path, author="test", reason="swap", quality={}).number
 
 

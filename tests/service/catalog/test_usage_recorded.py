@@ -12,7 +12,7 @@ from verbs.domain import inside
 from verbs.io import artifact
 from verbs.runtime.evaluate import Evaluator
 
-pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("keeping")]
+pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("catalog")]
 
 PSEUDO = 16
 
@@ -75,7 +75,7 @@ async def told(server, verb, least):
     """How often a verb was asked for, as the store was told, once that is as much as is waited for."""
     async with asyncio.timeout(PATIENCE_S):
         while True:
-            rows = await asyncio.to_thread(server.serving.keeper.store.traffic, verb, not_before_s=0.0)
+            rows = await asyncio.to_thread(server.state.store_sync.store.usage, verb, not_before_s=0.0)
             weight = sum(cell["weight"] for row in rows for cell in row["cells"])
             if weight >= 0.99 * least:
                 return weight

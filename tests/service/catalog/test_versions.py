@@ -15,7 +15,7 @@ from tests.service.stream.conftest import talk
 from verbs import library
 from verbs.io import artifact
 
-pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("keeping")]  # one server, whose verbs the tests change
+pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("catalog")]  # one server, whose verbs the tests change
 
 
 @pytest.fixture(scope="module")

@@ -184,7 +184,7 @@ async def test_a_long_call_leaves_the_event_loop_to_others(client, monkeypatch):
 
 
 async def test_too_many_waiting_calls_are_refused(client, app):
-    app.state.serving.pool._present = 1_000
+    app.state.server.pool._active = 1_000
     answer = await client.post("/v1/verbs/arm3/poses", json={"items": crowd(900)})
     assert answer.status_code == 503
     assert answer.json()["code"] == "overloaded"

@@ -83,9 +83,9 @@ async def test_nothing_is_ready_before_verbs_are_loaded():
 async def test_the_lifespan_makes_it_ready(data_dir):
     told = []
     app = app_of(None, data=data_dir)
-    app.state.serving._on_ready = told.append
+    app.state.server._on_ready = told.append
     async with app.router.lifespan_context(app), client_of(app) as client:
-        await app.state.serving.ready.wait()
+        await app.state.server.ready.wait()
         assert (await client.get("/readyz")).status_code == 200
     assert [set(catalog.entries) for catalog in told] == [{*library.names(), "sway"}]
 

@@ -15,12 +15,12 @@ from pathlib import Path
 import psycopg
 import pytest
 
-from service.refinement.job_spec import Asked
+from service.refinement.job_spec import RefinementSpec
 from service.refinement.queue import Refinements
-from service.refinement.worker.steps import Work
+from service.refinement.worker.steps import JobSteps
 from service.store.records import ENDED, Job, StoreUnavailable, Version
 from service.store.store import Store
-from tests.service.refinement import working
+from tests.service.refinement import worker_process
 from tests.service.store.postgres import Postgres, programs
 from verbs import library
 from verbs.io import artifact
@@ -29,21 +29,21 @@ from verbs.verb import Verb
 WAIT_S = 60.0
 
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(["tests.service.refinement.working"])
+FORKS.set_forkserver_preload(["tests.service.refinement.worker_process"])
 
 
 def until(what: Callable[[], object], *, seconds: float = WAIT_S) -> object:
-    """What a question answers, once it answers something; looks every 20 ms."""
+    """Wait until a function returns something true, and return it."""
     deadline_s = time.monotonic() + seconds
     while not (found := what()):
-        assert time.monotonic() < deadline_s, "it did not happen in time"
+        assert time.monotonic() < deadline_s, "condition not met in time"
         time.sleep(0.02)
     return found
 
 
 @dataclass
 class Process:
-    """A worker in a process of its own, and what it logged."""
+    """A worker process and its log."""
 
     name: str
     process: BaseProcess
@@ -73,8 +73,8 @@ class Process:
 
 
 @dataclass
-class Place:
-    """A store, its queue, and workers of it."""
+class Cluster:
+    """A store, its queue and its workers."""
 
     url: str
     folder: Path
@@ -86,14 +86,14 @@ class Place:
     def artifacts(self) -> str:
         return str(self.folder / "verbs")
 
-    def hire(self, *names: str) -> list[Process]:
-        """Workers by their names, started where they do not live."""
+    def start_workers(self, *names: str) -> list[Process]:
+        """Start workers by name, except those that are running."""
         for name in names:
             if name in self.workers and self.workers[name].alive:
                 continue
             file = self.folder / f"{name}.log"
             arguments = (self.url, self.artifacts, name, str(file), str(file.with_suffix(".err")))
-            process = FORKS.Process(target=working.work, args=arguments, name=name)
+            process = FORKS.Process(target=worker_process.run_worker, args=arguments, name=name)
             self.workers[name] = Process(name, process, file)
             process.start()
         for name in names:
@@ -106,15 +106,15 @@ class Place:
         self.store.publish(name, path, author="test", reason="test", quality={})
         return name
 
-    def runner(self, job: Job, *, steps: int = 1) -> Process:
-        """The live worker that has done so many steps of a job."""
+    def worker_of(self, job: Job, *, steps: int = 1) -> Process:
+        """Wait for a running worker that has done a number of steps of a job."""
         rows = lambda: [  # noqa: E731
             one for one in self.workers.values() if one.alive and len(one.lines("step done", job=job.id)) >= steps
         ]
         return until(rows)[0]
 
-    def ended(self, job: Job) -> Job:
-        """The job, when it has ended."""
+    def wait_for_end(self, job: Job) -> Job:
+        """Wait for the end of a job."""
 
         def found() -> Job | None:
             with suppress(StoreUnavailable):
@@ -126,16 +126,16 @@ class Place:
 
 
 @dataclass
-class Bench:
-    """A store, and the steps of a job without a queue."""
+class JobFixture:
+    """A store, and the steps of a job, without a queue."""
 
     store: Store
-    work: Work
+    steps: JobSteps
     folder: Path
 
     @staticmethod
     def step(name, function, *arguments):
-        """Run a step; what it gives has to survive being written down."""
+        """Run a step; its result must survive JSON."""
         return json.loads(json.dumps(function(*arguments)))
 
     def publish(self, verb: Verb | None = None, **options) -> Version:
@@ -143,15 +143,15 @@ class Bench:
         artifact.save(verb or library.load("arm3"), path)
         return self.store.publish("arm3", path, author="test", reason="test", quality={}, **options)
 
-    def job(self, id: str, *, version: int = 1, **asked) -> str:
+    def add_job(self, id: str, *, version: int = 1, **asked) -> str:
         """A queued job for a version; returns its id."""
-        values = Asked(**{"target_error": 0.0, "max_pseudo": 6, **asked}).as_dict() | {"author": "test"}
+        values = RefinementSpec(**{"target_error": 0.0, "max_pseudo": 6, **asked}).to_json() | {"author": "test"}
         self.store.add_job(Job(id, "arm3", "queued", values, {}, 0, version, None, "", 1.0, 1.0))
         return id
 
-    def ran(self, id: str, **asked) -> Job:
-        """A job that was run to its end."""
-        self.work.run(self.job(id, **asked))
+    def run_job(self, id: str, **asked) -> Job:
+        """Run a job to its end."""
+        self.steps.run(self.add_job(id, **asked))
         return self.store.job(id)
 
 
@@ -166,7 +166,7 @@ def postgres() -> Iterator[Postgres]:
 
 
 def database(server: Postgres) -> str:
-    """Address of a database of its own: other tests' workers still run in theirs."""
+    """Address of a new database; workers of other tests still use theirs."""
     name = f"t{uuid.uuid4().hex[:12]}"
     with psycopg.connect(server.address("postgres"), autocommit=True) as connection:
         connection.execute(f"CREATE DATABASE {name}")
@@ -174,13 +174,13 @@ def database(server: Postgres) -> str:
 
 
 @pytest.fixture(scope="session", params=["sqlite", "postgresql"])
-def place(request, tmp_path_factory) -> Iterator[Place]:
+def cluster(request, tmp_path_factory) -> Iterator[Cluster]:
     """A store in either database."""
     folder = tmp_path_factory.mktemp(request.param)
     sqlite = request.param == "sqlite"
     url = f"sqlite:///{folder}/state.db" if sqlite else database(request.getfixturevalue("postgres"))
     store = Store.open(url, str(folder / "verbs"))
-    found = Place(url, folder, store, Refinements(url, store))
+    found = Cluster(url, folder, store, Refinements(url, store))
     yield found
     for worker in found.workers.values():
         worker.end()
@@ -189,8 +189,8 @@ def place(request, tmp_path_factory) -> Iterator[Place]:
 
 
 @pytest.fixture
-def bench(tmp_path) -> Iterator[Bench]:
-    """A store, and the steps of a job without a queue."""
+def fixture(tmp_path) -> Iterator[JobFixture]:
+    """A store, and the steps of a job, without a queue."""
     store = Store.open(f"sqlite:///{tmp_path}/state.db", str(tmp_path / "verbs"))
-    yield Bench(store, Work(store, str(tmp_path / "verbs"), step=Bench.step, step_s=0.0), tmp_path)
+    yield JobFixture(store, JobSteps(store, str(tmp_path / "verbs"), step=JobFixture.step, step_s=0.0), tmp_path)
     store.close()

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from service.refinement.usage_counts import cells_of
-from service.refinement.worker.acceptance import HELD_OUT, SMOOTHNESS_LIMIT, held_out, judge, method_of
+from service.refinement.usage_cells import cells_json
+from service.refinement.worker.acceptance import HELD_OUT, SMOOTHNESS_LIMIT, compare, held_out, method_of
 from verbs import library
 from verbs.domain import accuracy_points, random_points
 from verbs.quality.smoothness import smoothness
@@ -24,28 +24,28 @@ def pair():
 def test_better_version_is_better_by_the_measured_figures(pair):
     now, new = pair
     points = held_out(now, 1, None)
-    verdict = judge(now, new, "refined", points)
-    assert verdict.better
+    comparison = compare(now, new, "refined", points)
+    assert comparison.better
     error = Evaluator(new).blend(points, method="refined").error
-    assert (verdict.new.error_mean_m, verdict.new.error_max_m) == (error.mean(), error.max())
-    assert verdict.new.smoothness == smoothness(Evaluator(new), "refined")[0]
-    assert verdict.now.method == "rbf"
-    assert verdict.new.smoothness <= SMOOTHNESS_LIMIT * verdict.now.smoothness
-    assert verdict.text.startswith("at 3000 held-out points the error by 'refined' is 0.0")
-    assert json.loads(json.dumps(verdict.as_dict()))["better"] is True
+    assert (comparison.new.error_mean_m, comparison.new.error_max_m) == (error.mean(), error.max())
+    assert comparison.new.smoothness == smoothness(Evaluator(new), "refined")[0]
+    assert comparison.now.method == "rbf"
+    assert comparison.new.smoothness <= SMOOTHNESS_LIMIT * comparison.now.smoothness
+    assert comparison.text.startswith("at 3000 held-out points the error by 'refined' is 0.0")
+    assert json.loads(json.dumps(comparison.to_json()))["better"] is True
 
 
 def test_a_version_is_not_better_than_itself(pair):
-    verdict = judge(pair[1], pair[1], "hybrid", held_out(pair[0], 1, None))
-    assert verdict.reasons == ("its mean error is not lower", "its largest error is not lower")
+    comparison = compare(pair[1], pair[1], "hybrid", held_out(pair[0], 1, None))
+    assert comparison.reasons == ("its mean error is not lower", "its largest error is not lower")
 
 
-def test_unrefined_version_is_judged_by_rbf(pair):
+def test_unrefined_version_is_measured_by_rbf(pair):
     assert (method_of(pair[0], "hybrid"), method_of(pair[1], "hybrid")) == ("rbf", "hybrid")
 
 
 @pytest.mark.parametrize("name", ["arm3", "reach"])
-def test_held_out_points_were_never_seen(name):
+def test_held_out_points_differ_from_search_points(name):
     verb = library.load(name)
     points = held_out(verb, 1, None)
     assert points.shape == (HELD_OUT, len(verb.adverbs))
@@ -55,10 +55,10 @@ def test_held_out_points_were_never_seen(name):
         assert not {row.tobytes() for row in points} & {row.tobytes() for row in others}
 
 
-def test_held_out_points_come_half_from_traffic():
+def test_half_of_the_held_out_points_come_from_usage():
     verb = library.load("arm3")
     there = random_points(verb, np.random.default_rng(0), 1)
-    points = held_out(verb, 1, cells_of(verb, there)["cells"])
+    points = held_out(verb, 1, cells_json(verb, there)["cells"])
     near = np.linalg.norm(points - there, axis=1) < 0.1 * np.linalg.norm(np.ptp(verb.values, axis=0))
     assert len(points) == HELD_OUT
     assert near[HELD_OUT // 2 :].all()

@@ -16,35 +16,35 @@ def url(request, tmp_path) -> str:
 
 def test_lock_of_a_live_worker_cannot_be_taken(url):
     mine, other = locks_of(url), locks_of(url)
-    hold = mine.hold("worker-1")
-    assert hold.held()
-    assert other.hold("worker-1") is None
-    with other.tried("worker-1") as dead, other.tried("worker-2") as never_lived:
+    lock = mine.acquire("worker-1")
+    assert lock.ensure()
+    assert other.acquire("worker-1") is None
+    with other.try_lock("worker-1") as dead, other.try_lock("worker-2") as never_lived:
         assert (dead, never_lived) == (False, True)
-    hold.release()
+    lock.release()
     until(lambda: taken(other, "worker-1", but=mine))  # PostgreSQL notices a closed connection a little later
-    again = until(lambda: mine.hold("worker-1"))
+    again = until(lambda: mine.acquire("worker-1"))
     again.release()
     mine.close()
     other.close()
 
 
 def taken(locks, executor_id, *, but) -> bool:
-    """Whether a lock could be taken, and then by nobody else."""
-    with locks.tried(executor_id) as dead:
-        return dead and but.hold(executor_id) is None
+    """Whether ``locks`` takes a lock, while ``but`` cannot."""
+    with locks.try_lock(executor_id) as dead:
+        return dead and but.acquire(executor_id) is None
 
 
-def test_lost_session_is_told_once_and_the_lock_taken_again(postgres):
+def test_lost_session_is_reported_once_and_the_lock_taken_again(postgres):
     locks = locks_of(database(postgres))
-    hold = locks.hold("worker-1")
+    lock = locks.acquire("worker-1")
     postgres.stop()
     postgres.start()
-    assert not hold.held()
-    assert hold.held()
-    with locks.tried("worker-1") as dead:
+    assert not lock.ensure()
+    assert lock.ensure()
+    with locks.try_lock("worker-1") as dead:
         assert not dead
-    hold.release()
+    lock.release()
     locks.close()
 
 
@@ -52,7 +52,7 @@ def test_lost_session_is_told_once_and_the_lock_taken_again(postgres):
 def test_executor_ids_are_names(url, name):
     locks = locks_of(url)
     with pytest.raises(OutOfRange, match="executor id"):
-        locks.hold(name)
+        locks.acquire(name)
 
 
 def test_error_names_the_executor():

@@ -1,4 +1,4 @@
-"""What servers do with jobs, and what a reaper makes of what they leave; no worker runs here."""
+"""The queue of jobs, and the reaper; no worker runs here."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass
 
 import pytest
 
-from service.refinement import engine
+from service.refinement import dbos_setup
 from service.refinement.errors import AlreadyRunning
 from service.refinement.queue import Refinements
 from service.refinement.worker.locks import locks_of
 from service.refinement.worker.reaper import KEPT_S, Reaper
 from service.store.records import ENDED, Job, StoreUnavailable, UnknownJob, UnknownVerb, UnknownVersion
 from service.store.store import Store
-from tests.service.refinement.conftest import Bench
+from tests.service.refinement.conftest import JobFixture
 from verbs.errors import OutOfRange
 
 
 @dataclass
-class Desk:
+class QueueFixture:
     store: Store
     queue: Refinements
     client: object
@@ -27,114 +27,114 @@ class Desk:
     now_s: float
 
     def statuses(self) -> dict[str, str]:
-        return {row.workflow_id: row.status for row in self.client.list_workflows(name=engine.WORKFLOW)}
+        return {row.workflow_id: row.status for row in self.client.list_workflows(name=dbos_setup.WORKFLOW)}
 
 
 @pytest.fixture
-def desk(bench: Bench) -> Iterator[Desk]:
-    bench.publish()
-    url = f"sqlite:///{bench.folder}/state.db"
-    engine.prepare(url)
-    client, locks = engine.connect(url), locks_of(url)
-    artifacts = str(bench.folder / "verbs")
-    reaper = Reaper(bench.store, client, locks, "me", artifacts=artifacts, clock=lambda: found.now_s)
-    found = Desk(bench.store, Refinements(url, bench.store), client, reaper, 1e10)
+def jobs(fixture: JobFixture) -> Iterator[QueueFixture]:
+    fixture.publish()
+    url = f"sqlite:///{fixture.folder}/state.db"
+    dbos_setup.prepare(url)
+    client, locks = dbos_setup.connect(url), locks_of(url)
+    artifacts = str(fixture.folder / "verbs")
+    reaper = Reaper(fixture.store, client, locks, "me", artifacts=artifacts, clock=lambda: found.now_s)
+    found = QueueFixture(fixture.store, Refinements(url, fixture.store), client, reaper, 1e10)
     yield found
     found.queue.close()
     client.destroy()
 
 
-def test_job_is_queued_once_to_a_verb(desk: Desk):
-    job = desk.queue.start("arm3", None, {"priority": 3}, "me")
+def test_job_is_queued_once_to_a_verb(jobs: QueueFixture):
+    job = jobs.queue.start("arm3", None, {"priority": 3}, "me")
     assert (job.state, job.version_before, job.request["author"], job.request["priority"]) == ("queued", 1, "me", 3)
-    assert desk.queue.job(job.id) == job
-    assert desk.queue.jobs(verb="arm3") == [job]
+    assert jobs.queue.job(job.id) == job
+    assert jobs.queue.jobs(verb="arm3") == [job]
     with pytest.raises(AlreadyRunning) as caught:
-        desk.queue.start("arm3", 1, {}, "me")
+        jobs.queue.start("arm3", 1, {}, "me")
     assert caught.value.job == job.id
-    forced = desk.queue.start("arm3", 1, {}, "me", force=True)
-    assert desk.statuses() == {job.id: "ENQUEUED", forced.id: "ENQUEUED"}
+    forced = jobs.queue.start("arm3", 1, {}, "me", force=True)
+    assert jobs.statuses() == {job.id: "ENQUEUED", forced.id: "ENQUEUED"}
 
 
-def test_of_two_that_start_at_once_one_is_told(desk: Desk, monkeypatch):
-    first = desk.queue.start("arm3", None, {}, "me")
-    refuse = desk.queue._refuse_second
-    monkeypatch.setattr(desk.queue, "_refuse_second", lambda verb, mine=None: refuse(verb, mine) if mine else None)
+def test_second_of_two_concurrent_starts_is_refused(jobs: QueueFixture, monkeypatch):
+    first = jobs.queue.start("arm3", None, {}, "me")
+    refuse = jobs.queue._refuse_second
+    monkeypatch.setattr(jobs.queue, "_refuse_second", lambda verb, new=None: refuse(verb, new) if new else None)
     with pytest.raises(AlreadyRunning):
-        desk.queue.start("arm3", None, {}, "me")
-    assert sorted(job.state for job in desk.queue.jobs()) == ["cancelled", "queued"]
-    assert list(desk.statuses()) == [first.id]
+        jobs.queue.start("arm3", None, {}, "me")
+    assert sorted(job.state for job in jobs.queue.jobs()) == ["cancelled", "queued"]
+    assert list(jobs.statuses()) == [first.id]
 
 
-def test_cancelled_job_leaves_the_queue_and_the_verb_is_free(desk: Desk):
-    job = desk.queue.start("arm3", None, {}, "me")
-    assert desk.queue.cancel(job.id, author="you").detail == "cancelled by you"
-    assert desk.statuses() == {job.id: "CANCELLED"}
-    assert desk.queue.cancel(job.id, author="me").detail == "cancelled by you"
-    desk.queue.start("arm3", None, {}, "me")
+def test_cancelled_job_leaves_the_queue_and_the_verb_is_free(jobs: QueueFixture):
+    job = jobs.queue.start("arm3", None, {}, "me")
+    assert jobs.queue.cancel(job.id, author="you").detail == "cancelled by you"
+    assert jobs.statuses() == {job.id: "CANCELLED"}
+    assert jobs.queue.cancel(job.id, author="me").detail == "cancelled by you"
+    jobs.queue.start("arm3", None, {}, "me")
 
 
-def test_job_that_publishes_while_it_is_being_cancelled_stays_published(desk: Desk, monkeypatch):
-    job, read = desk.queue.start("arm3", None, {}, "me"), desk.store.job
+def test_job_that_publishes_while_it_is_being_cancelled_stays_published(jobs: QueueFixture, monkeypatch):
+    job, read = jobs.queue.start("arm3", None, {}, "me"), jobs.store.job
 
     def read_before_the_last_step(id: str) -> Job:
         found = read(id)
         if found.state not in ENDED:
-            desk.store.update_job(id, state="published", version_after=2, detail="better")
+            jobs.store.update_job(id, state="published", version_after=2, detail="better")
         return found
 
-    monkeypatch.setattr(desk.store, "job", read_before_the_last_step)
-    found = desk.queue.cancel(job.id)
+    monkeypatch.setattr(jobs.store, "job", read_before_the_last_step)
+    found = jobs.queue.cancel(job.id)
     assert (found.state, found.version_after, found.detail) == ("published", 2, "better")
 
 
-def test_what_does_not_exist_cannot_be_refined(desk: Desk):
+def test_unknown_verbs_versions_and_parameters_are_refused(jobs: QueueFixture):
     with pytest.raises(UnknownVerb):
-        desk.queue.start("nothing", None, {}, "me")
+        jobs.queue.start("nothing", None, {}, "me")
     with pytest.raises(UnknownVersion):
-        desk.queue.start("arm3", 7, {}, "me")
+        jobs.queue.start("arm3", 7, {}, "me")
     with pytest.raises(OutOfRange):
-        desk.queue.start("arm3", None, {"max_pseudo": -1}, "me")
+        jobs.queue.start("arm3", None, {"max_pseudo": -1}, "me")
     with pytest.raises(UnknownJob):
-        desk.queue.cancel("nothing")
-    assert desk.queue.jobs() == []
+        jobs.queue.cancel("nothing")
+    assert jobs.queue.jobs() == []
 
 
-def test_queue_that_cannot_be_reached_is_the_store_being_unavailable(desk: Desk, tmp_path):
-    lost = Refinements(f"sqlite:///{tmp_path}/no/such/folder/state.db", desk.store)
+def test_unreachable_queue_raises_store_unavailable(jobs: QueueFixture, tmp_path):
+    lost = Refinements(f"sqlite:///{tmp_path}/no/such/folder/state.db", jobs.store)
     with pytest.raises(StoreUnavailable):
         lost.start("arm3", None, {}, "me")
 
 
-def test_job_whose_server_died_before_queueing_it_is_adopted(desk: Desk, bench: Bench):
-    bench.job("lost")
-    desk.now_s = 5.0
-    assert desk.reaper.adopt() == []
-    desk.now_s = 20.0
-    assert desk.reaper.adopt() == ["lost"]
-    assert desk.statuses() == {"lost": "ENQUEUED"}
-    assert desk.reaper.adopt() == []
+def test_job_whose_server_died_before_queueing_it_is_adopted(jobs: QueueFixture, fixture: JobFixture):
+    fixture.add_job("lost")
+    jobs.now_s = 5.0
+    assert jobs.reaper.adopt() == []
+    jobs.now_s = 20.0
+    assert jobs.reaper.adopt() == ["lost"]
+    assert jobs.statuses() == {"lost": "ENQUEUED"}
+    assert jobs.reaper.adopt() == []
 
 
-def test_job_that_failed_untold_is_told(desk: Desk):
-    job = desk.queue.start("arm3", None, {}, "me")
-    desk.client.cancel_workflow(job.id)
-    assert desk.reaper.adopt() == [job.id]
-    assert desk.queue.job(job.id).state == "failed"
+def test_job_that_failed_while_the_store_was_away_is_marked(jobs: QueueFixture):
+    job = jobs.queue.start("arm3", None, {}, "me")
+    jobs.client.cancel_workflow(job.id)
+    assert jobs.reaper.adopt() == [job.id]
+    assert jobs.queue.job(job.id).state == "failed"
 
 
-def test_steps_of_old_jobs_are_forgotten(desk: Desk):
-    job = desk.queue.start("arm3", None, {}, "me")
-    desk.queue.cancel(job.id)
-    desk.now_s = 0.0 + KEPT_S
-    assert desk.reaper.tidy() == 0
-    desk.now_s = 4e9
-    assert desk.reaper.tidy() == 1
-    assert desk.statuses() == {}
-    assert desk.queue.job(job.id).state == "cancelled"
+def test_steps_of_old_jobs_are_removed(jobs: QueueFixture):
+    job = jobs.queue.start("arm3", None, {}, "me")
+    jobs.queue.cancel(job.id)
+    jobs.now_s = 0.0 + KEPT_S
+    assert jobs.reaper.remove_old() == 0
+    jobs.now_s = 4e9
+    assert jobs.reaper.remove_old() == 1
+    assert jobs.statuses() == {}
+    assert jobs.queue.job(job.id).state == "cancelled"
 
 
 def test_postgresql_keeps_jobs_in_its_own_database():
     url = "postgresql+psycopg://someone:secret@host:5432/adverb"
-    assert engine.system_url(url) == "postgresql://someone:secret@host:5432/adverb"
-    assert engine.system_url("sqlite:////data/state.db") == "sqlite:////data/jobs.db"
+    assert dbos_setup.system_url(url) == "postgresql://someone:secret@host:5432/adverb"
+    assert dbos_setup.system_url("sqlite:////data/state.db") == "sqlite:////data/jobs.db"

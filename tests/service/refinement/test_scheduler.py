@@ -1,4 +1,4 @@
-"""What a server does beside answering: traffic is told, refinements are counted and started, old things are removed."""
+"""Scheduled tasks: usage is stored, refinements are counted and started, old files are removed."""
 
 import os
 import sqlite3
@@ -11,8 +11,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from service.metrics import Metrics
 from service.refinement.queue import Refinements
-from service.refinement.scheduler import COLLECT_S, LEAST_ANSWERS, REST_S, TELL_S, WHO, Watch
-from service.refinement.usage import Demand
+from service.refinement.scheduler import AUTHOR, COLLECT_S, MIN_ANSWERS, REST_S, STORE_USAGE_S, Scheduler
+from service.refinement.usage import Usage
 from service.store.records import Job, StoreUnavailable
 from service.store.store import ORPHAN_S, Store
 from verbs import library
@@ -22,8 +22,8 @@ NOW_S = 2e9
 DAY_S = 86_400.0
 
 
-class Watched:
-    """A store with arm3 in it, and what watches it."""
+class SchedulerFixture:
+    """A store with arm3, and its scheduler."""
 
     def __init__(self, folder, **options):
         self.url = f"sqlite:///{folder}/state.db"
@@ -32,27 +32,27 @@ class Watched:
         self.uploads = folder / "uploads"
         self.uploads.mkdir()
         self.refinements = Refinements(self.url, self.store)
-        self.demand, self.metrics = Demand(), Metrics()
+        self.usage, self.metrics = Usage(), Metrics()
         path = Path(library.__file__).with_name("arm3.verb")
         self.store.publish("arm3", path, author="test", reason="test", quality={})
-        self.watch = Watch(
-            *(self.store, self.refinements, self.demand, self.metrics),
+        self.scheduler = Scheduler(
+            *(self.store, self.refinements, self.usage, self.metrics),
             **{"refine_above": None, **options},
             uploads=self.uploads,
             started_s=self.now_s,
         )
 
-    def look(self, *, later_s=0.0):
+    def run_once(self, *, later_s=0.0):
         self.now_s += later_s
-        self.watch.look(self.demand.take(), self.now_s)
+        self.scheduler.run_once(self.usage.take(), self.now_s)
 
-    def ask(self, entry, count, error=0.0):
-        """Answers whose error is a share of the diagonal."""
+    def record(self, entry, count, error=0.0):
+        """Record poses whose error is a share of the diagonal."""
         rows = np.repeat(entry.verb.values[:1], count, axis=0)
-        self.demand.ask(entry, rows, np.full(count, error * diagonal(entry.verb)), rows=count)
+        self.usage.record(entry, rows, np.full(count, error * diagonal(entry.verb)), rows=count)
 
-    def traffic(self):
-        return self.store.traffic("arm3", not_before_s=0.0)
+    def stored_usage(self):
+        return self.store.usage("arm3", not_before_s=0.0)
 
     def samples(self):
         return {
@@ -64,17 +64,17 @@ class Watched:
 
 
 @pytest.fixture
-def watched(tmp_path):
+def make_fixture(tmp_path):
     made = []
 
     def make(**options):
-        made.append(Watched(tmp_path, **options))
+        made.append(SchedulerFixture(tmp_path, **options))
         return made[-1]
 
     yield make
-    for one in made:
-        one.refinements.close()
-        one.store.close()
+    for fixture in made:
+        fixture.refinements.close()
+        fixture.store.close()
 
 
 @pytest.fixture
@@ -82,131 +82,133 @@ def arm(catalog):
     return catalog.entries["arm3"]
 
 
-def test_what_was_asked_is_told_every_few_seconds(watched, arm):
-    one = watched()
-    one.ask(arm, 7)
-    one.look()
-    (row,) = one.traffic()
+def test_usage_is_stored_every_few_seconds(make_fixture, arm):
+    fixture = make_fixture()
+    fixture.record(arm, 7)
+    fixture.run_once()
+    (row,) = fixture.stored_usage()
     assert (row["at_s"], [cell["weight"] for cell in row["cells"]]) == (NOW_S, [7.0])
-    one.ask(arm, 3)
-    one.look(later_s=TELL_S / 2)
-    assert one.traffic() == [row]
-    one.look(later_s=TELL_S / 2)
-    (row,) = one.traffic()
+    fixture.record(arm, 3)
+    fixture.run_once(later_s=STORE_USAGE_S / 2)
+    assert fixture.stored_usage() == [row]
+    fixture.run_once(later_s=STORE_USAGE_S / 2)
+    (row,) = fixture.stored_usage()
     assert row["cells"][0]["weight"] == pytest.approx(10.0, abs=1e-2)
-    one.look(later_s=TELL_S)
-    assert one.traffic() == [row]  # nobody asked meanwhile, and nothing was written
+    fixture.run_once(later_s=STORE_USAGE_S)
+    assert fixture.stored_usage() == [row]  # no requests meanwhile, so nothing was written
 
 
-def test_two_servers_add_up(watched, arm, tmp_path):
-    one = watched()
-    other = Watch(
-        *(one.store, one.refinements, Demand(), one.metrics),
+def test_usage_of_two_servers_adds_up(make_fixture, arm, tmp_path):
+    fixture = make_fixture()
+    other = Scheduler(
+        *(fixture.store, fixture.refinements, Usage(), fixture.metrics),
         refine_above=None,
-        uploads=one.uploads,
+        uploads=fixture.uploads,
         started_s=NOW_S,
     )
-    one.ask(arm, 5)
-    noted = one.demand.take()
-    for watch in (one.watch, other):
-        watch.look(noted, NOW_S)
-    assert [row["cells"][0]["weight"] for row in one.traffic()] == [5.0, 5.0]
+    fixture.record(arm, 5)
+    records = fixture.usage.take()
+    for scheduler in (fixture.scheduler, other):
+        scheduler.run_once(records, NOW_S)
+    assert [row["cells"][0]["weight"] for row in fixture.stored_usage()] == [5.0, 5.0]
 
 
-def test_a_store_that_is_away_is_told_later(watched, arm):
-    one = watched()
-    one.ask(arm, 7)
-    with closing(sqlite3.connect(one.url.removeprefix("sqlite:///"), isolation_level=None)) as connection:
+def test_usage_is_stored_when_the_store_is_back(make_fixture, arm):
+    fixture = make_fixture()
+    fixture.record(arm, 7)
+    with closing(sqlite3.connect(fixture.url.removeprefix("sqlite:///"), isolation_level=None)) as connection:
         connection.execute("BEGIN EXCLUSIVE")
         with pytest.raises(StoreUnavailable):
-            one.look()
+            fixture.run_once()
         connection.execute("ROLLBACK")
-    one.ask(arm, 2)
-    one.look(later_s=1.0)
-    assert one.traffic()[0]["cells"][0]["weight"] == pytest.approx(9.0, abs=1e-2)
+    fixture.record(arm, 2)
+    fixture.run_once(later_s=1.0)
+    assert fixture.stored_usage()[0]["cells"][0]["weight"] == pytest.approx(9.0, abs=1e-2)
 
 
-def test_far_answers_start_one_refinement_and_then_there_is_rest(watched, arm):
-    one = watched(refine_above=0.01)
-    one.ask(arm, LEAST_ANSWERS, 0.02)
-    one.look()
-    (job,) = one.store.jobs()
+def test_large_errors_start_one_refinement_followed_by_a_rest(make_fixture, arm):
+    fixture = make_fixture(refine_above=0.01)
+    fixture.record(arm, MIN_ANSWERS, 0.02)
+    fixture.run_once()
+    (job,) = fixture.store.jobs()
     asked = {name: job.request[name] for name in ("author", "weighted_by_traffic", "priority")}
     assert (job.verb, job.state, job.version_before) == ("arm3", "queued", 1)
-    assert asked == {"author": WHO, "weighted_by_traffic": True, "priority": 100}
-    one.ask(arm, LEAST_ANSWERS, 0.02)
-    one.look(later_s=REST_S)
-    assert one.store.jobs() == [job]
-    one.store.update_job(job.id, state="not_better", detail="not better")
+    assert asked == {"author": AUTHOR, "weighted_by_traffic": True, "priority": 100}
+    fixture.record(arm, MIN_ANSWERS, 0.02)
+    fixture.run_once(later_s=REST_S)
+    assert fixture.store.jobs() == [job]
+    fixture.store.update_job(job.id, state="not_better", detail="not better")
     for later_s in (1.0, REST_S - 2.0):
-        one.ask(arm, 10 * LEAST_ANSWERS, 0.02)
-        one.look(later_s=later_s)
-    assert len(one.store.jobs()) == 1
-    one.ask(arm, LEAST_ANSWERS, 0.02)
-    one.look(later_s=2.0)
-    assert [row.state for row in one.store.jobs()] == ["queued", "not_better"]
+        fixture.record(arm, 10 * MIN_ANSWERS, 0.02)
+        fixture.run_once(later_s=later_s)
+    assert len(fixture.store.jobs()) == 1
+    fixture.record(arm, MIN_ANSWERS, 0.02)
+    fixture.run_once(later_s=2.0)
+    assert [row.state for row in fixture.store.jobs()] == ["queued", "not_better"]
 
 
 @pytest.mark.parametrize(
     ("above", "count", "error"),
-    [(None, 500, 0.5), (0.01, 500, 0.009), (0.01, LEAST_ANSWERS - 1, 0.5)],
+    [(None, 500, 0.5), (0.01, 500, 0.009), (0.01, MIN_ANSWERS - 1, 0.5)],
     ids=["off", "near enough", "too few"],
 )
-def test_nothing_is_refined_without_reason(watched, arm, above, count, error):
-    one = watched(refine_above=above)
-    one.ask(arm, count, error)
-    one.look()
-    assert one.store.jobs() == []
+def test_small_or_few_errors_start_no_refinement(make_fixture, arm, above, count, error):
+    fixture = make_fixture(refine_above=above)
+    fixture.record(arm, count, error)
+    fixture.run_once()
+    assert fixture.store.jobs() == []
 
 
-def test_a_verb_that_is_deleted_or_refined_already_is_left_alone(watched, arm):
-    one = watched(refine_above=0.01)
-    mine = one.refinements.start("arm3", None, {}, "me")
-    one.ask(arm, LEAST_ANSWERS, 0.5)
-    one.look()
-    assert one.store.jobs() == [mine]
-    one.refinements.cancel(mine.id)
-    one.store.delete("arm3", author="me", reason="test")
-    one.look(later_s=REST_S)
-    assert len(one.store.jobs()) == 1
+def test_a_deleted_or_already_refined_verb_is_not_refined(make_fixture, arm):
+    fixture = make_fixture(refine_above=0.01)
+    mine = fixture.refinements.start("arm3", None, {}, "me")
+    fixture.record(arm, MIN_ANSWERS, 0.5)
+    fixture.run_once()
+    assert fixture.store.jobs() == [mine]
+    fixture.refinements.cancel(mine.id)
+    fixture.store.delete("arm3", author="me", reason="test")
+    fixture.run_once(later_s=REST_S)
+    assert len(fixture.store.jobs()) == 1
 
 
-def test_metrics_tell_what_ended_and_how_far_the_others_are(watched):
-    one = watched()
+def test_metrics_show_ended_and_running_refinements(make_fixture):
+    fixture = make_fixture()
     states = ["published", "not_better", "not_better", "running", "queued"]
     for k, state in enumerate(states):
         progress = {"ratio": 0.25} if state == "running" else {}
-        one.store.add_job(Job(f"j{k}", "arm3", state, {}, progress, 0, 1, None, "", NOW_S, NOW_S))
-    one.look()
-    assert one.samples() == {
+        fixture.store.add_job(Job(f"j{k}", "arm3", state, {}, progress, 0, 1, None, "", NOW_S, NOW_S))
+    fixture.run_once()
+    assert fixture.samples() == {
         ("adverb_refinements_total", "arm3", "published"): 1,
         ("adverb_refinements_total", "arm3", "not_better"): 2,
         ("adverb_refinement_progress_ratio", "arm3"): 0.25,
     }
-    one.store.update_job("j3", state="failed")
-    one.look()
-    assert one.samples()["adverb_refinements_total", "arm3", "failed"] == 1
-    assert ("adverb_refinement_progress_ratio", "arm3") not in one.samples()
+    fixture.store.update_job("j3", state="failed")
+    fixture.run_once()
+    assert fixture.samples()["adverb_refinements_total", "arm3", "failed"] == 1
+    assert ("adverb_refinement_progress_ratio", "arm3") not in fixture.samples()
 
 
-def test_what_nobody_needs_is_collected_now_and_then(watched, tmp_path):
-    one = watched()
+def test_old_versions_and_uploads_are_collected(make_fixture, tmp_path):
+    fixture = make_fixture()
     artifact = tmp_path / "artifact"
     for k in range(7):
         artifact.write_text(f"version {k}")
-        one.store.publish("arm3", artifact, author="test", reason="test", quality={})
-    left, fresh = one.uploads / "left.upload", one.uploads / "fresh.upload"
+        fixture.store.publish("arm3", artifact, author="test", reason="test", quality={})
+    left, fresh = fixture.uploads / "left.upload", fixture.uploads / "fresh.upload"
     for file, age_s in ((left, ORPHAN_S + 60.0), (fresh, 0.0)):
         file.touch()
         at_s = NOW_S + 30 * DAY_S - age_s
         os.utime(file, (at_s, at_s))
-    one.look(later_s=COLLECT_S[0] - 1.0)
-    assert len(one.store.versions("arm3")) == 8
-    one.look(later_s=30 * DAY_S - COLLECT_S[0] + 1.0)
-    assert [version.number for version in one.store.versions("arm3")] == [4, 5, 6, 7, 8]
+    fixture.run_once(later_s=COLLECT_S[0] - 1.0)
+    assert len(fixture.store.versions("arm3")) == 8
+    fixture.run_once(later_s=30 * DAY_S - COLLECT_S[0] + 1.0)
+    assert [version.number for version in fixture.store.versions("arm3")] == [4, 5, 6, 7, 8]
     assert (left.exists(), fresh.exists()) == (False, True)
-    one.store.publish("arm3", Path(library.__file__).with_name("board.verb"), author="test", reason="test", quality={})
-    one.look(later_s=COLLECT_S[1] - 1.0)
-    assert len(one.store.versions("arm3")) == 6
-    one.look(later_s=8 * DAY_S)
-    assert len(one.store.versions("arm3")) == 5
+    fixture.store.publish(
+        "arm3", Path(library.__file__).with_name("board.verb"), author="test", reason="test", quality={}
+    )
+    fixture.run_once(later_s=COLLECT_S[1] - 1.0)
+    assert len(fixture.store.versions("arm3")) == 6
+    fixture.run_once(later_s=8 * DAY_S)
+    assert len(fixture.store.versions("arm3")) == 5

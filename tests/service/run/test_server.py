@@ -164,9 +164,9 @@ def test_it_ends_where_there_can_be_no_store(tmp_path):
 
 def test_it_ends_at_once_while_verbs_are_still_loading(tmp_path):
     slow = f"""import time
-from service.catalog.store_sync import Keeper
+from service.catalog.store_sync import StoreSync
 
-Keeper.load = lambda self: time.sleep(600)
+StoreSync.load = lambda self: time.sleep(600)
 {START}"""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

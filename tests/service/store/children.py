@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from service.store.store import Store
-from tests.service.store.conftest import Place
+from tests.service.store.conftest import StoreLocation
 
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload(["service.store.store", "psycopg", "tests.service.store.conftest"])
@@ -23,9 +23,9 @@ def start(work: Any, *arguments: Any) -> BaseProcess:
     return child
 
 
-def publish_many(place: Place, folder: Path, name: str, count: int, barrier: Any) -> None:
+def publish_many(location: StoreLocation, folder: Path, name: str, count: int, barrier: Any) -> None:
     """Publish different artifacts as fast as it goes, once everybody is ready."""
-    store = place.open(timeout_s=30.0)
+    store = location.open(timeout_s=30.0)
     file = folder / f"{name}.verb"
     barrier.wait(120)
     for k in range(count):
@@ -34,30 +34,30 @@ def publish_many(place: Place, folder: Path, name: str, count: int, barrier: Any
     store.close()
 
 
-def publish_and_die(place: Place, file: Path, at: str) -> None:
+def publish_and_die(location: StoreLocation, file: Path, at: str) -> None:
     """Publish, and be killed before a step."""
 
     def die(step: str) -> None:
         if step == at:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    place.open().publish("reach", file, author="child", reason="dies", quality={}, at=die)
+    location.open().publish("reach", file, author="child", reason="dies", quality={}, at=die)
 
 
-def publish_when_told(place: Place, file: Path, told: Any, times: Any) -> None:
+def publish_on_signal(location: StoreLocation, file: Path, pipe: Any, times: Any) -> None:
     """Publish each time when told; send the time at which it was done."""
-    store = place.open()
-    told.send("ready")
-    while told.recv():
+    store = location.open()
+    pipe.send("ready")
+    while pipe.recv():
         file.write_text(str(time.monotonic()))
         version = store.publish("reach", file, author="child", reason="news", quality={})
         times.send((version.number, time.monotonic()))
     store.close()
 
 
-def open_once(place: Place, barrier: Any, results: Any) -> None:
+def open_once(location: StoreLocation, barrier: Any, results: Any) -> None:
     """Open a store that nobody has opened before, at the same time as others."""
     barrier.wait(120)
-    store: Store = place.open(timeout_s=30.0)
+    store: Store = location.open(timeout_s=30.0)
     results.put(store.current())
     store.close()

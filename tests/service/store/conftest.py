@@ -14,7 +14,7 @@ KINDS = ("sqlite", "postgresql")
 
 
 @dataclass(frozen=True)
-class Place:
+class StoreLocation:
     """Where a store lies: enough for another process to open it too."""
 
     database: str
@@ -45,11 +45,11 @@ def folder() -> Iterator[Path]:
 
 
 @pytest.fixture(params=KINDS)
-def place(request, folder) -> Place:
+def location(request, folder) -> StoreLocation:
     """An empty store, on each kind of database."""
     sqlite = request.param == "sqlite"
     database = f"sqlite:///{folder}/state.db" if sqlite else request.getfixturevalue("postgres").database()
-    return Place(database, folder / "artifacts")
+    return StoreLocation(database, folder / "artifacts")
 
 
 class Clock:
@@ -69,8 +69,8 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def store(place, clock) -> Iterator[Store]:
-    opened = place.open(clock=clock)
+def store(location, clock) -> Iterator[Store]:
+    opened = location.open(clock=clock)
     yield opened
     opened.close()
 

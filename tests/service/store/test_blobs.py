@@ -13,7 +13,7 @@ from service.store import store as stores
 from service.store.blobs import Bucket, Folder, open_blobs
 from service.store.store import ArtifactMissing, BadAddress, Store, StoreUnavailable
 
-WHY = {"author": "ada", "reason": "a test", "quality": {}}
+BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 
 
 def nothing(step: str) -> None:
@@ -66,12 +66,12 @@ def test_a_bucket_lists_and_removes_its_own_blobs_only(bucket, artifact):
         bucket.path(one.sha256)
 
 
-def test_a_store_over_a_bucket(place, tmp_path, artifact):
-    store = Store.open(place.database, "memory:///", cache=tmp_path / "cache")
+def test_a_store_over_a_bucket(location, tmp_path, artifact):
+    store = Store.open(location.database, "memory:///", cache=tmp_path / "cache")
     steps = []
-    old = store.publish("reach", artifact("old"), **WHY, at=steps.append)
+    old = store.publish("reach", artifact("old"), **BY_ADA, at=steps.append)
     assert steps == ["write", "sync", "rename", "sync_folder", "upload", "transaction", "commit"]
-    new = store.publish("reach", artifact("new"), **WHY)
+    new = store.publish("reach", artifact("new"), **BY_ADA)
     store.path(new).write_bytes(b"garbage")
     assert store.path(new).read_bytes() == b"new" * 1000
     removed = store.collect(keep=1, now_s=time.time() + 30 * 86400.0)
@@ -130,7 +130,7 @@ def test_packages_for_buckets_and_servers_are_not_imported_for_files(folder, art
         assert all(name not in vars(module) for module in (blobs, jobs, ledger, notices, records, stores, tables))
         monkeypatch.setitem(sys.modules, name, None)
     store = Store.open(f"sqlite:///{folder}/state.db", str(folder / "artifacts"))
-    version = store.publish("reach", artifact("one"), **WHY)
+    version = store.publish("reach", artifact("one"), **BY_ADA)
     assert store.path(version).exists()
     assert store.collect(now_s=time.time()) == []
     store.close()

@@ -8,7 +8,7 @@ import pytest
 from service.store.store import ArtifactMissing, Job, UnknownVersion
 from verbs.verb import NAME
 
-WHY = {"author": "ada", "reason": "a test", "quality": {}}
+BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 DAY_S = 86400.0
 
 
@@ -19,7 +19,7 @@ def later_s() -> float:
 
 
 def fill(store, artifact, count: int, verb: str = "reach") -> list[str]:
-    return [store.publish(verb, artifact(f"{verb} {k}"), **WHY).sha256 for k in range(1, count + 1)]
+    return [store.publish(verb, artifact(f"{verb} {k}"), **BY_ADA).sha256 for k in range(1, count + 1)]
 
 
 def numbers(store, verb: str = "reach") -> list[int]:
@@ -30,19 +30,19 @@ def job(verb: str, version: int, state: str = "running") -> Job:
     return Job(f"{verb}-{version}", verb, state, {}, {}, 0, version, None, "", 0.0, 0.0)
 
 
-def test_the_newest_and_the_current_one_stay(store, place, artifact, later_s):
+def test_the_newest_and_the_current_one_stay(store, location, artifact, later_s):
     blobs = fill(store, artifact, 8)
     store.activate("reach", 2, author="ada", reason="")
     removed = store.collect(keep=3, now_s=later_s)
     gone = [f"{blobs[k - 1]}.verb" for k in (1, 3, 4, 5)]
     assert removed == ["reach 1", "reach 3", "reach 4", "reach 5", *sorted(gone)]
     assert numbers(store) == [2, 6, 7, 8]
-    assert place.files() == {f"{blobs[k - 1]}.verb" for k in (2, 6, 7, 8)}
+    assert location.files() == {f"{blobs[k - 1]}.verb" for k in (2, 6, 7, 8)}
     assert len(store.history("reach")) == 9
     with pytest.raises(UnknownVersion):
         store.activate("reach", 1, author="ada", reason="")
     assert store.collect(keep=3, now_s=later_s) == []
-    assert store.publish("reach", artifact("reach 1"), **WHY).number == 9
+    assert store.publish("reach", artifact("reach 1"), **BY_ADA).number == 9
 
 
 def test_fewer_than_kept_all_stay(store, artifact, later_s):
@@ -68,16 +68,16 @@ def test_what_jobs_refine_stays_until_they_end(store, artifact, later_s):
     assert numbers(store) == [2, 4]
 
 
-def test_a_shared_blob_stays_as_long_as_one_version_refers_to_it(store, place, artifact, later_s):
-    blob = store.publish("reach", artifact("shared"), **WHY).sha256
-    other = store.publish("punch", artifact("shared"), **WHY)
-    store.publish("reach", artifact("next"), **WHY)
+def test_a_shared_blob_stays_as_long_as_one_version_refers_to_it(store, location, artifact, later_s):
+    blob = store.publish("reach", artifact("shared"), **BY_ADA).sha256
+    other = store.publish("punch", artifact("shared"), **BY_ADA)
+    store.publish("reach", artifact("next"), **BY_ADA)
     assert store.collect(keep=1, now_s=later_s) == ["reach 1"]
-    assert f"{blob}.verb" in place.files()
+    assert f"{blob}.verb" in location.files()
     assert store.path(other).exists()
 
 
-def test_a_deleted_verb_is_collected_when_it_is_old(store, place, artifact, clock):
+def test_a_deleted_verb_is_collected_when_it_is_old(store, location, artifact, clock):
     fill(store, artifact, 3)
     store.delete("reach", author="ada", reason="")
     store.collect(keep=2, younger_s=10.0, now_s=clock.now_s + 9.0)
@@ -86,26 +86,26 @@ def test_a_deleted_verb_is_collected_when_it_is_old(store, place, artifact, cloc
     assert numbers(store) == []
     with pytest.raises(UnknownVersion):
         store.version("reach", 3)
-    assert store.publish("reach", artifact("again"), **WHY).number == 4
+    assert store.publish("reach", artifact("again"), **BY_ADA).number == 4
 
 
-def test_blobs_and_temporary_files_younger_than_an_hour_stay(store, place, artifact, later_s):
+def test_blobs_and_temporary_files_younger_than_an_hour_stay(store, location, artifact, later_s):
     fill(store, artifact, 2)
-    part, foreign = place.artifacts / ".0123456789abcdef.tmp", place.artifacts / "notes.txt"
+    part, foreign = location.artifacts / ".0123456789abcdef.tmp", location.artifacts / "notes.txt"
     part.touch()
     foreign.touch()
     hour_s = part.stat().st_mtime + 3600.0
     assert store.collect(keep=1, younger_s=-later_s, now_s=hour_s - 60.0) == ["reach 1"]
-    assert len(place.files()) == 4
+    assert len(location.files()) == 4
     assert len(store.collect(keep=1, now_s=hour_s + 60.0)) == 2
-    assert place.files() == {"notes.txt", f"{store.current()['reach'].sha256}.verb"}
+    assert location.files() == {"notes.txt", f"{store.current()['reach'].sha256}.verb"}
 
 
 def test_a_mapped_artifact_stays_readable_after_it_was_collected(store, artifact, later_s):
-    old = store.publish("reach", artifact("old"), **WHY)
+    old = store.publish("reach", artifact("old"), **BY_ADA)
     with store.path(old).open("rb") as file:
         block = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    store.publish("reach", artifact("new"), **WHY)
+    store.publish("reach", artifact("new"), **BY_ADA)
     store.collect(keep=1, now_s=later_s)
     with pytest.raises(ArtifactMissing, match="may have been collected"):
         store.path(old)
@@ -113,27 +113,27 @@ def test_a_mapped_artifact_stays_readable_after_it_was_collected(store, artifact
     block.close()
 
 
-def test_a_blob_collected_while_it_is_published_again_is_written_again(store, place, artifact, later_s):
-    store.publish("reach", artifact("old"), **WHY)
-    store.publish("reach", artifact("new"), **WHY)
-    other, steps = place.open(), []
+def test_a_blob_collected_while_it_is_published_again_is_written_again(store, location, artifact, later_s):
+    store.publish("reach", artifact("old"), **BY_ADA)
+    store.publish("reach", artifact("new"), **BY_ADA)
+    other, steps = location.open(), []
 
     def interfere(step: str) -> None:
         steps.append(step)
         if steps.count("transaction") == 1 and step == "transaction":
             other.collect(keep=1, now_s=later_s)
 
-    version = store.publish("reach", artifact("old"), **WHY, at=interfere)
+    version = store.publish("reach", artifact("old"), **BY_ADA, at=interfere)
     assert steps.count("write") == 2
     assert store.path(version).read_bytes() == b"old" * 1000
     other.close()
 
 
 def test_old_traffic_is_forgotten(store):
-    store.put_traffic("reach", "a", {"n": 1}, 100.0)
-    store.put_traffic("reach", "b", {"n": 2}, 200.0)
-    assert store.collect(younger_s=50.0, now_s=200.0) == ["traffic of reach at a"]
-    assert store.traffic("reach", not_before_s=0.0) == [{"n": 2}]
+    store.put_usage("reach", "a", {"n": 1}, 100.0)
+    store.put_usage("reach", "b", {"n": 2}, 200.0)
+    assert store.collect(younger_s=50.0, now_s=200.0) == ["usage of reach at a"]
+    assert store.usage("reach", not_before_s=0.0) == [{"n": 2}]
 
 
 def test_names_of_verbs_hold_no_space():

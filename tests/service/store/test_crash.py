@@ -9,30 +9,30 @@ import pytest
 from service.store.store import STEPS
 from tests.service.store.children import PROCESSES, open_once, publish_and_die, publish_many, start
 
-WHY = {"author": "ada", "reason": "a test", "quality": {}}
+BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 HOURS_S = 3600.0
 
 
-def test_two_processes_that_publish_one_name_get_all_numbers(place, tmp_path):
+def test_two_processes_that_publish_one_name_get_all_numbers(location, tmp_path):
     barrier = PROCESSES.Barrier(2)
-    children = [start(publish_many, place, tmp_path, name, 20, barrier) for name in ("left", "right")]
+    children = [start(publish_many, location, tmp_path, name, 20, barrier) for name in ("left", "right")]
     for child in children:
         child.join(120)
         assert child.exitcode == 0
-    store = place.open()
+    store = location.open()
     versions = store.versions("reach")
     assert [version.number for version in versions] == list(range(1, 41))
     assert [event.number for event in store.history("reach")] == list(range(1, 41))
     assert store.current()["reach"].number == 40
     for version in versions:
         assert hashlib.sha256(store.path(version).read_bytes()).hexdigest() == version.sha256
-    assert len(place.files()) == 40
+    assert len(location.files()) == 40
     store.close()
 
 
-def test_processes_may_open_a_new_store_at_once(place):
+def test_processes_may_open_a_new_store_at_once(location):
     barrier, results = PROCESSES.Barrier(4), PROCESSES.Queue()
-    children = [start(open_once, place, barrier, results) for _ in range(4)]
+    children = [start(open_once, location, barrier, results) for _ in range(4)]
     assert [results.get(timeout=120) for _ in children] == [{}] * 4
     for child in children:
         child.join(60)
@@ -40,22 +40,22 @@ def test_processes_may_open_a_new_store_at_once(place):
 
 
 @pytest.mark.parametrize("step", STEPS)
-def test_a_publisher_killed_at_any_step_leaves_no_half_version(place, artifact, tmp_path, step):
-    store = place.open()
-    first = store.publish("reach", artifact("one"), **WHY)
+def test_a_publisher_killed_at_any_step_leaves_no_half_version(location, artifact, tmp_path, step):
+    store = location.open()
+    first = store.publish("reach", artifact("one"), **BY_ADA)
     second = tmp_path / "second.verb"
     second.write_text("two" * 1000)
-    child = start(publish_and_die, place, second, step)
+    child = start(publish_and_die, location, second, step)
     child.join(120)
     assert child.exitcode == -signal.SIGKILL
     assert store.current() == {"reach": first}
     assert store.versions("reach") == [first]
     assert [event.number for event in store.history("reach")] == [1]
-    left = place.files() - {f"{first.sha256}.verb"}
+    left = location.files() - {f"{first.sha256}.verb"}
     assert len(left) == (step != "write")
     assert store.collect(now_s=time.time()) == []  # a young file may belong to somebody who is at work
     assert store.collect(now_s=time.time() + 2 * HOURS_S) == sorted(left)
-    assert place.files() == {f"{first.sha256}.verb"}
-    assert store.publish("reach", second, **WHY).number == 2
+    assert location.files() == {f"{first.sha256}.verb"}
+    assert store.publish("reach", second, **BY_ADA).number == 2
     assert store.path(store.current()["reach"]).read_bytes() == second.read_bytes()
     store.close()

@@ -14,9 +14,9 @@ JOB = Job("j1", "reach", "queued", {"max_pseudo": 9}, {}, 0, 3, None, "", 10.0, 
 def test_a_job_is_kept_as_it_was_given(store):
     store.add_job(JOB)
     assert store.job("j1") == JOB
-    with pytest.raises(JobExists, match="'j1' already"):
+    with pytest.raises(JobExists, match="'j1' exists already"):
         store.add_job(JOB)
-    with pytest.raises(UnknownJob, match="no refinement job 'j2'"):
+    with pytest.raises(UnknownJob, match="unknown refinement job 'j2'"):
         store.job("j2")
 
 
@@ -59,8 +59,8 @@ def test_publishing_ends_a_job_or_does_not_happen(store, artifact):
     assert len(store.history("reach")) == 1
 
 
-def test_of_cancelling_and_publishing_one_happens(place, store, artifact):
-    other, file, published = place.open(), artifact("one"), 0
+def test_of_cancelling_and_publishing_one_happens(location, store, artifact):
+    other, file, published = location.open(), artifact("one"), 0
     for k in range(12):
         store.add_job(replace(JOB, id=f"j{k}", verb="reach"))
         file.write_text(str(k))
@@ -97,9 +97,9 @@ def test_what_goes_on_and_what_ended_is_told(store):
 
 def test_what_a_job_cannot_be_is_refused(store):
     store.add_job(JOB)
-    with pytest.raises(InvalidValue, match="'done' is no state"):
+    with pytest.raises(InvalidValue, match="'done' is not a state"):
         store.update_job("j1", state="done")
-    with pytest.raises(InvalidValue, match="a job's verb cannot change"):
+    with pytest.raises(InvalidValue, match="verb of a job cannot change"):
         store.update_job("j1", verb="punch")
     with pytest.raises(InvalidValue, match="1048576 bytes"):
         store.update_job("j1", progress={"x": "y" * 1_100_000})
@@ -116,18 +116,18 @@ def test_reaps_are_counted(store):
         store.count_reap("j2")
 
 
-def test_traffic_of_each_server_is_kept_once(store):
-    store.put_traffic("reach", "a", {"cells": {"0,0": 1}}, 10.0)
-    store.put_traffic("reach", "a", {"cells": {"0,0": 2}}, 20.0)
-    store.put_traffic("reach", "b", {"cells": {"1,0": 5}}, 30.0)
-    store.put_traffic("punch", "a", {"cells": {}}, 30.0)
-    assert store.traffic("reach", not_before_s=0.0) == [{"cells": {"1,0": 5}}, {"cells": {"0,0": 2}}]
-    assert store.traffic("reach", not_before_s=20.5) == [{"cells": {"1,0": 5}}]
-    assert store.traffic("kick", not_before_s=0.0) == []
+def test_usage_of_each_server_is_kept_once(store):
+    store.put_usage("reach", "a", {"cells": {"0,0": 1}}, 10.0)
+    store.put_usage("reach", "a", {"cells": {"0,0": 2}}, 20.0)
+    store.put_usage("reach", "b", {"cells": {"1,0": 5}}, 30.0)
+    store.put_usage("punch", "a", {"cells": {}}, 30.0)
+    assert store.usage("reach", not_before_s=0.0) == [{"cells": {"1,0": 5}}, {"cells": {"0,0": 2}}]
+    assert store.usage("reach", not_before_s=20.5) == [{"cells": {"1,0": 5}}]
+    assert store.usage("kick", not_before_s=0.0) == []
 
 
-def test_traffic_is_bounded(store):
+def test_usage_is_bounded(store):
     with pytest.raises(InvalidValue, match="'cells'"):
-        store.put_traffic("reach", "a", {"x": "y" * 1_100_000}, 1.0)
+        store.put_usage("reach", "a", {"x": "y" * 1_100_000}, 1.0)
     with pytest.raises(InvalidValue, match="'server'"):
-        store.put_traffic("reach", "", {}, 1.0)
+        store.put_usage("reach", "", {}, 1.0)

@@ -50,17 +50,17 @@ DIGEST = sha256(b"bytes").hexdigest()
 
 
 @pytest.fixture
-def old(place):
+def old(location):
     """A store with layout 1."""
-    engine = create_engine(make_url(place.database).set(drivername=_driver(place)))
-    serial = "INTEGER" if _is_sqlite(place) else "BIGSERIAL"
+    engine = create_engine(make_url(location.database).set(drivername=_driver(location)))
+    serial = "INTEGER" if _is_sqlite(location) else "BIGSERIAL"
     with engine.begin() as connection:
         for statement in LAYOUT_1.format(serial=serial, digest=DIGEST).split(";"):
             connection.exec_driver_sql(statement)
     engine.dispose()
-    place.artifacts.mkdir(exist_ok=True)
-    (place.artifacts / f"{DIGEST}.verb").write_bytes(b"bytes")
-    return place
+    location.artifacts.mkdir(exist_ok=True)
+    (location.artifacts / f"{DIGEST}.verb").write_bytes(b"bytes")
+    return location
 
 
 def test_a_database_of_layout_1_is_upgraded_and_keeps_its_rows(old, artifact):
@@ -72,7 +72,7 @@ def test_a_database_of_layout_1_is_upgraded_and_keeps_its_rows(old, artifact):
         assert store.history("reach") == [Event("reach", "publish", 1, 1, "ada", "first", 7.0)]
         request = {"max_pseudo": 9, "author": "bob"}
         assert store.jobs() == [Job("j1", "reach", "not_better", request, {"ratio": 1.0}, 0, 1, None, "said", 8.0, 9.0)]
-        assert store.traffic("reach", not_before_s=0.0) == [{"cells": []}]
+        assert store.usage("reach", not_before_s=0.0) == [{"cells": []}]
         assert store.publish("reach", artifact("two"), author="eve", reason="second", quality={}).number == 2
     finally:
         store.close()
@@ -105,16 +105,16 @@ def test_an_upgrade_that_fails_leaves_layout_1(old, monkeypatch):
         store.close()
 
 
-def test_tables_of_a_newer_layout_are_refused(store, place):
+def test_tables_of_a_newer_layout_are_refused(store, location):
     with store._database.transaction(writes=True) as connection:
         connection.execute(update(tables.layouts).values(number=migrations.LAYOUT + 1))
     with pytest.raises(StoreError, match="upgrade it"):
-        place.open()
+        location.open()
 
 
-def _is_sqlite(place) -> bool:
-    return place.database.startswith("sqlite")
+def _is_sqlite(location) -> bool:
+    return location.database.startswith("sqlite")
 
 
-def _driver(place) -> str:
-    return "sqlite" if _is_sqlite(place) else "postgresql+psycopg"
+def _driver(location) -> str:
+    return "sqlite" if _is_sqlite(location) else "postgresql+psycopg"

@@ -9,10 +9,10 @@ import pytest
 
 from service.store import notices
 from service.store.store import Store
-from tests.service.store.children import PROCESSES, publish_when_told, start
+from tests.service.store.children import PROCESSES, publish_on_signal, start
 
 pytestmark = pytest.mark.anyio
-WHY = {"author": "ada", "reason": "a test", "quality": {}}
+BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 
 
 async def until(changes, store, number: int) -> float:
@@ -25,12 +25,12 @@ async def until(changes, store, number: int) -> float:
     raise AssertionError("changes ended")
 
 
-async def test_what_another_process_publishes_is_noticed_within_a_second(place, tmp_path, monkeypatch):
+async def test_what_another_process_publishes_is_noticed_within_a_second(location, tmp_path, monkeypatch):
     monkeypatch.setattr(notices, "REREAD_S", 60.0)  # a notice, not the re-reading
-    store = place.open()
-    mine, told = PROCESSES.Pipe()
+    store = location.open()
+    mine, signal = PROCESSES.Pipe()
     times, its = PROCESSES.Pipe(duplex=False)
-    child = start(publish_when_told, place, tmp_path / "child.verb", told, its)
+    child = start(publish_on_signal, location, tmp_path / "child.verb", signal, its)
     assert await asyncio.to_thread(mine.recv) == "ready"
     async with aclosing(store.changes()) as changes:
         await anext(changes)
@@ -55,11 +55,11 @@ async def test_the_first_change_comes_at_once_and_later_ones_at_least_every_whil
     assert 0.5 < time.monotonic() - began < 5.0
 
 
-async def test_jobs_and_traffic_are_no_change_of_pointers(store, artifact, monkeypatch):
+async def test_jobs_and_usage_are_no_change_of_pointers(store, artifact, monkeypatch):
     monkeypatch.setattr(notices, "REREAD_S", 60.0)
     async with aclosing(store.changes()) as changes:
         await anext(changes)
-        store.put_traffic("reach", "a", {}, 1.0)
+        store.put_usage("reach", "a", {}, 1.0)
         with pytest.raises(TimeoutError):
             async with asyncio.timeout(0.5):
                 await anext(changes)
@@ -69,7 +69,7 @@ async def test_jobs_and_traffic_are_no_change_of_pointers(store, artifact, monke
 async def test_activating_and_deleting_are_noticed(store, artifact, monkeypatch, act):
     monkeypatch.setattr(notices, "REREAD_S", 60.0)
     for text in ("one", "two"):
-        store.publish("reach", artifact(text), **WHY)
+        store.publish("reach", artifact(text), **BY_ADA)
     async with aclosing(store.changes()) as changes, asyncio.timeout(5):
         await anext(changes)
         if act == "delete":
@@ -100,7 +100,7 @@ async def test_changes_outlive_a_postgresql_that_goes_away(postgres, folder, art
             postgres.start()
         while not store.available:
             await anext(changes)
-        store.publish("reach", artifact("one"), **WHY)
+        store.publish("reach", artifact("one"), **BY_ADA)
         await until(changes, store, 1)
     store.close()
 
@@ -115,7 +115,7 @@ async def test_changes_outlive_a_postgresql_that_freezes(postgres, folder, artif
                 await anext(changes)
         while not store.available:
             await anext(changes)
-        store.publish("reach", artifact("one"), **WHY)
+        store.publish("reach", artifact("one"), **BY_ADA)
         await until(changes, store, 1)
     store.close()
 

@@ -7,13 +7,13 @@ import pytest
 from service.store.store import BadAddress, Conflict, InvalidValue, Store, UnknownVerb, UnknownVersion
 from verbs.errors import ArtifactError
 
-WHY = {"author": "ada", "reason": "a test", "quality": {"error_mean_m": 0.001}}
-ACT = {"author": "ada", "reason": "a test"}
+BY_ADA = {"author": "ada", "reason": "a test", "quality": {"error_mean_m": 0.001}}
+BY_ADA_ACT = {"author": "ada", "reason": "a test"}
 
 
 def test_a_published_version_is_current_and_readable(store, artifact):
     file = artifact("one")
-    version = store.publish("reach", file, **WHY)
+    version = store.publish("reach", file, **BY_ADA)
     assert (version.verb, version.number, version.parent) == ("reach", 1, None)
     assert version.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
     assert version.size_bytes == file.stat().st_size
@@ -25,9 +25,9 @@ def test_a_published_version_is_current_and_readable(store, artifact):
     assert store.available
 
 
-def test_a_store_opened_again_knows_everything(store, place, artifact):
-    version = store.publish("reach", artifact("one"), **WHY)
-    other = place.open()
+def test_a_store_opened_again_knows_everything(store, location, artifact):
+    version = store.publish("reach", artifact("one"), **BY_ADA)
+    other = location.open()
     assert other.current() == {"reach": version}
     assert other.history("reach") == store.history("reach")
     other.close()
@@ -35,39 +35,39 @@ def test_a_store_opened_again_knows_everything(store, place, artifact):
 
 def test_numbers_count_per_verb_and_the_newest_is_current(store, artifact):
     for k, (verb, number) in enumerate([("reach", 1), ("punch", 1), ("reach", 2), ("reach", 3)]):
-        assert store.publish(verb, artifact(f"{k}"), **WHY).number == number
+        assert store.publish(verb, artifact(f"{k}"), **BY_ADA).number == number
     assert {name: version.number for name, version in store.current().items()} == {"punch": 1, "reach": 3}
     assert [version.number for version in store.versions("reach")] == [1, 2, 3]
 
 
 def test_publishing_the_same_again_gives_the_version_that_there_is(store, artifact):
-    first = store.publish("reach", artifact("one"), **WHY)
-    assert store.publish("reach", artifact("one"), **WHY, expected=0) == first
-    second = store.publish("reach", artifact("two"), **WHY)
-    assert store.publish("reach", artifact("one"), **WHY, activate=False) == first
+    first = store.publish("reach", artifact("one"), **BY_ADA)
+    assert store.publish("reach", artifact("one"), **BY_ADA, expected=0) == first
+    second = store.publish("reach", artifact("two"), **BY_ADA)
+    assert store.publish("reach", artifact("one"), **BY_ADA, activate=False) == first
     assert store.current()["reach"] == second
-    assert store.publish("reach", artifact("one"), **WHY) == first
+    assert store.publish("reach", artifact("one"), **BY_ADA) == first
     assert store.current()["reach"] == first
-    refined = store.publish("reach", artifact("one"), **WHY, parent=2)
+    refined = store.publish("reach", artifact("one"), **BY_ADA, parent=2)
     assert (refined.number, refined.sha256) == (3, first.sha256)
     assert [event.kind for event in store.history("reach")] == ["publish", "publish", "activate", "publish"]
 
 
 def test_a_version_can_be_published_without_being_served(store, artifact):
-    store.publish("reach", artifact("one"), **WHY, activate=False)
+    store.publish("reach", artifact("one"), **BY_ADA, activate=False)
     assert store.current() == {}
     assert store.history("reach")[0].current is None
-    assert store.activate("reach", 1, **ACT).number == 1
+    assert store.activate("reach", 1, **BY_ADA_ACT).number == 1
     assert store.current()["reach"].number == 1
 
 
 def test_rolling_back_and_forward(store, artifact):
     for text in ("one", "two"):
-        store.publish("reach", artifact(text), **WHY)
-    assert store.activate("reach", 1, **ACT).number == 1
+        store.publish("reach", artifact(text), **BY_ADA)
+    assert store.activate("reach", 1, **BY_ADA_ACT).number == 1
     assert store.current()["reach"].number == 1
-    store.activate("reach", 1, **ACT)
-    store.activate("reach", 2, **ACT)
+    store.activate("reach", 1, **BY_ADA_ACT)
+    store.activate("reach", 2, **BY_ADA_ACT)
     assert [(event.kind, event.number, event.current) for event in store.history("reach")] == [
         ("publish", 1, 1),
         ("publish", 2, 2),
@@ -77,15 +77,15 @@ def test_rolling_back_and_forward(store, artifact):
 
 
 def test_a_deleted_verb_is_revived_and_numbers_go_on(store, artifact):
-    store.publish("reach", artifact("one"), **WHY)
-    store.delete("reach", **ACT)
+    store.publish("reach", artifact("one"), **BY_ADA)
+    store.delete("reach", **BY_ADA_ACT)
     assert store.current() == {}
     assert [version.number for version in store.versions("reach")] == [1]
-    with pytest.raises(UnknownVerb, match="there is no verb 'reach'; there are: none"):
-        store.delete("reach", **ACT)
-    assert store.publish("reach", artifact("two"), **WHY).number == 2
-    store.delete("reach", **ACT)
-    assert store.activate("reach", 1, **ACT).number == 1
+    with pytest.raises(UnknownVerb, match="unknown verb 'reach'; known: none"):
+        store.delete("reach", **BY_ADA_ACT)
+    assert store.publish("reach", artifact("two"), **BY_ADA).number == 2
+    store.delete("reach", **BY_ADA_ACT)
+    assert store.activate("reach", 1, **BY_ADA_ACT).number == 1
     assert store.current()["reach"].number == 1
     kinds = [(event.kind, event.number, event.current) for event in store.history("reach")]
     assert kinds[1] == ("delete", 1, None)
@@ -103,24 +103,24 @@ def test_history_says_who_why_and_when(store, artifact):
 
 
 def test_expecting_another_version_is_a_conflict_and_changes_nothing(store, artifact):
-    with pytest.raises(Conflict, match="points to no version, not to 4") as caught:
-        store.publish("reach", artifact("one"), **WHY, expected=4)
+    with pytest.raises(Conflict, match="no version of verb 'reach' is current, not 4") as caught:
+        store.publish("reach", artifact("one"), **BY_ADA, expected=4)
     assert (caught.value.verb, caught.value.expected, caught.value.found) == ("reach", 4, 0)
-    store.publish("reach", artifact("one"), **WHY, expected=0)
-    store.publish("reach", artifact("two"), **WHY, expected=1)
-    with pytest.raises(Conflict, match="points to version 2, not to none: read it again"):
-        store.publish("reach", artifact("three"), **WHY, expected=0)
+    store.publish("reach", artifact("one"), **BY_ADA, expected=0)
+    store.publish("reach", artifact("two"), **BY_ADA, expected=1)
+    with pytest.raises(Conflict, match="version 2 of verb 'reach' is current, not none: read it again"):
+        store.publish("reach", artifact("three"), **BY_ADA, expected=0)
     with pytest.raises(Conflict):
-        store.publish("reach", artifact("three"), **WHY, expected=1, activate=False)
+        store.publish("reach", artifact("three"), **BY_ADA, expected=1, activate=False)
     with pytest.raises(Conflict):
-        store.activate("reach", 1, **ACT, expected=1)
+        store.activate("reach", 1, **BY_ADA_ACT, expected=1)
     with pytest.raises(Conflict):
-        store.delete("reach", **ACT, expected=1)
+        store.delete("reach", **BY_ADA_ACT, expected=1)
     assert store.current()["reach"].number == 2
     assert len(store.history("reach")) == len(store.versions("reach")) == 2
-    store.activate("reach", 1, **ACT, expected=2)
-    store.activate("reach", 1, **ACT, expected=2)  # asked again: it is as asked for
-    store.delete("reach", **ACT, expected=1)
+    store.activate("reach", 1, **BY_ADA_ACT, expected=2)
+    store.activate("reach", 1, **BY_ADA_ACT, expected=2)  # asked again: it is as asked for
+    store.delete("reach", **BY_ADA_ACT, expected=1)
 
 
 def test_unknown_verbs_and_versions_say_what_there_is(store, artifact):
@@ -128,17 +128,17 @@ def test_unknown_verbs_and_versions_say_what_there_is(store, artifact):
         with pytest.raises(UnknownVerb):
             ask("reach")
     with pytest.raises(UnknownVerb):
-        store.activate("reach", 1, **ACT)
+        store.activate("reach", 1, **BY_ADA_ACT)
     with pytest.raises(UnknownVersion):
-        store.publish("reach", artifact("one"), **WHY, parent=1)
+        store.publish("reach", artifact("one"), **BY_ADA, parent=1)
     with pytest.raises(UnknownVerb):
         store.versions("reach")  # what failed left no name behind
-    store.publish("reach", artifact("one"), **WHY)
+    store.publish("reach", artifact("one"), **BY_ADA)
     with pytest.raises(UnknownVerb, match="there are: reach") as verb:
         store.versions("punch")
     assert (verb.value.verb, verb.value.known) == ("punch", ("reach",))
-    for ask in (lambda: store.version("reach", 7), lambda: store.activate("reach", 7, **ACT)):
-        with pytest.raises(UnknownVersion, match="verb 'reach' has no version 7; there are: 1") as version:
+    for ask in (lambda: store.version("reach", 7), lambda: store.activate("reach", 7, **BY_ADA_ACT)):
+        with pytest.raises(UnknownVersion, match="verb 'reach' has no version 7; known: 1") as version:
             ask()
         assert version.value.known == (1,)
 
@@ -146,8 +146,8 @@ def test_unknown_verbs_and_versions_say_what_there_is(store, artifact):
 def test_what_cannot_be_kept_is_refused(store, artifact, tmp_path):
     file = artifact("one")
     for verb in ("", "Reach", "../reach", "x" * 64):
-        with pytest.raises(InvalidValue, match="is no verb name"):
-            store.publish(verb, file, **WHY)
+        with pytest.raises(InvalidValue, match="is not a verb name"):
+            store.publish(verb, file, **BY_ADA)
     for quality in ({"x": float("nan")}, {"x": object()}, {"x": "y" * 1_100_000}):
         with pytest.raises(InvalidValue, match="'quality'"):
             store.publish("reach", file, author="ada", reason="", quality=quality)
@@ -155,22 +155,22 @@ def test_what_cannot_be_kept_is_refused(store, artifact, tmp_path):
         with pytest.raises(InvalidValue, match="'author'"):
             store.publish("reach", file, author=who, reason="", quality={})
     with pytest.raises(ArtifactError, match="cannot be opened"):
-        store.publish("reach", tmp_path / "none.verb", **WHY)
+        store.publish("reach", tmp_path / "none.verb", **BY_ADA)
     assert store.current() == {}
 
 
-def test_one_artifact_is_kept_once(store, place, artifact):
-    one = store.publish("reach", artifact("one"), **WHY)
-    two = store.publish("punch", artifact("one"), **WHY)
+def test_one_artifact_is_kept_once(store, location, artifact):
+    one = store.publish("reach", artifact("one"), **BY_ADA)
+    two = store.publish("punch", artifact("one"), **BY_ADA)
     assert store.path(one) == store.path(two)
-    assert place.files() == {f"{one.sha256}.verb"}
+    assert location.files() == {f"{one.sha256}.verb"}
 
 
 def test_steps_of_publishing_are_told_in_order(store, artifact):
     from service.store.store import STEPS
 
     steps = []
-    store.publish("reach", artifact("one"), **WHY, at=steps.append)
+    store.publish("reach", artifact("one"), **BY_ADA, at=steps.append)
     assert tuple(steps) == STEPS
 
 

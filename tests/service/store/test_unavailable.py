@@ -10,7 +10,7 @@ import pytest
 from service.store.store import Store, StoreUnavailable
 from tests.service.store.postgres import OTHERS
 
-WHY = {"author": "ada", "reason": "a test", "quality": {}}
+BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 
 
 @contextmanager
@@ -28,30 +28,30 @@ def held(database: str):
         connection.rollback()
 
 
-def test_a_held_lock_is_waited_for_no_longer_than_said(place, artifact):
-    store = place.open(timeout_s=0.5)
-    store.publish("reach", artifact("one"), **WHY)
-    with held(place.database):
+def test_a_held_lock_is_waited_for_no_longer_than_said(location, artifact):
+    store = location.open(timeout_s=0.5)
+    store.publish("reach", artifact("one"), **BY_ADA)
+    with held(location.database):
         began = time.monotonic()
         with pytest.raises(StoreUnavailable) as caught:
-            store.publish("reach", artifact("two"), **WHY)
+            store.publish("reach", artifact("two"), **BY_ADA)
         assert 0.3 < time.monotonic() - began < 4.0
         assert not store.available
         assert "lock" in caught.value.reason
         assert len(caught.value.reason) <= 200
-    assert store.publish("reach", artifact("two"), **WHY).number == 2
+    assert store.publish("reach", artifact("two"), **BY_ADA).number == 2
     assert store.available
     store.close()
 
 
 def test_a_postgresql_that_stops_and_comes_back(postgres, tmp_path, artifact):
     store = Store.open(postgres.database(), str(tmp_path / "artifacts"))
-    version = store.publish("reach", artifact("one"), **WHY)
+    version = store.publish("reach", artifact("one"), **BY_ADA)
     postgres.stop()
     try:
         for call in (
             store.current,
-            lambda: store.publish("reach", artifact("two"), **WHY),
+            lambda: store.publish("reach", artifact("two"), **BY_ADA),
             lambda: store.collect(now_s=0.0),
             lambda: store.job("x"),
         ):
@@ -67,13 +67,13 @@ def test_a_postgresql_that_stops_and_comes_back(postgres, tmp_path, artifact):
         postgres.start()
     assert store.current() == {"reach": version}
     assert store.available
-    assert store.publish("reach", artifact("two"), **WHY).number == 2
+    assert store.publish("reach", artifact("two"), **BY_ADA).number == 2
     store.close()
 
 
 def test_a_postgresql_that_freezes_is_not_waited_for(postgres, folder, artifact):
     store = Store.open(postgres.database(), str(folder), timeout_s=0.5)
-    store.publish("reach", artifact("one"), **WHY)
+    store.publish("reach", artifact("one"), **BY_ADA)
     with postgres.frozen():
         began = time.monotonic()
         with pytest.raises(StoreUnavailable, match="timeout|does not answer"):
@@ -81,7 +81,7 @@ def test_a_postgresql_that_freezes_is_not_waited_for(postgres, folder, artifact)
         assert time.monotonic() - began < 5.0
         assert not store.available
     assert store.current()["reach"].number == 1
-    assert store.publish("reach", artifact("two"), **WHY).number == 2
+    assert store.publish("reach", artifact("two"), **BY_ADA).number == 2
     store.close()
 
 
@@ -90,9 +90,9 @@ def test_a_server_that_freezes_in_a_transaction_is_not_waited_for(postgres, fold
     frozen = postgres.frozen()
 
     with pytest.raises(StoreUnavailable, match="does not answer within 0.5 s"):
-        store.publish("reach", artifact("one"), **WHY, at=lambda step: step == "commit" and frozen.__enter__())
+        store.publish("reach", artifact("one"), **BY_ADA, at=lambda step: step == "commit" and frozen.__enter__())
     frozen.__exit__(None, None, None)
-    assert store.publish("reach", artifact("one"), **WHY).number == 1
+    assert store.publish("reach", artifact("one"), **BY_ADA).number == 1
     assert len(store.versions("reach")) == 1  # whether the first was committed or not
     store.close()
 
@@ -107,9 +107,9 @@ def test_a_connection_that_dies_while_it_is_used(postgres, tmp_path, artifact):
                 other.execute(f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE {OTHERS}")
 
     with pytest.raises(StoreUnavailable):
-        store.publish("reach", artifact("one"), **WHY, at=cut)
+        store.publish("reach", artifact("one"), **BY_ADA, at=cut)
     assert store.current() == {}
-    assert store.publish("reach", artifact("one"), **WHY).number == 1
+    assert store.publish("reach", artifact("one"), **BY_ADA).number == 1
     store.close()
 
 
@@ -128,7 +128,7 @@ def test_a_file_that_is_no_database(tmp_path):
 
 def test_a_folder_that_cannot_be(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(StoreUnavailable, match="folder cannot be made: Not a directory"):
+    with pytest.raises(StoreUnavailable, match="folder cannot be created: Not a directory"):
         Store.open(f"sqlite:///{tmp_path}/state.db", str(tmp_path / "file" / "artifacts"))
 
 

@@ -31,24 +31,24 @@ class Server:
     def __init__(self, catalog, **settings):
         self.settings = Settings(**settings)
         self.app = create_app(self.settings, supervise=supervise)
-        self.serving = self.app.state.serving
+        self.state = self.app.state.server
 
         async def loaded():
             self.loop = asyncio.get_running_loop()
             packing.warm()
-            self.serving.offer(catalog)
+            self.state.set_catalog(catalog)
 
-        self.serving.open = loaded
+        self.state.run = loaded
         self.socket = socket.socket()
         self.socket.bind(("127.0.0.1", 0))
         self.port = self.socket.getsockname()[1]
-        self.uvicorn = Uvicorn(config_of(self.app, self.settings), self.serving.hub)
+        self.uvicorn = Uvicorn(config_of(self.app, self.settings), self.state.hub)
         self.thread = threading.Thread(target=lambda: self.uvicorn.run(sockets=[self.socket]))
 
     def start(self, patience_s=PATIENCE_S):
         self.thread.start()
         end = time.monotonic() + patience_s
-        while not (self.uvicorn.started and self.serving.ready.is_set()) and time.monotonic() < end:
+        while not (self.uvicorn.started and self.state.ready.is_set()) and time.monotonic() < end:
             time.sleep(0.01)
         return self
 
@@ -63,7 +63,7 @@ class Server:
 
     @property
     def hub(self):
-        return self.serving.hub
+        return self.state.hub
 
     @property
     def url(self):

@@ -81,8 +81,8 @@ class Streams(RuleBasedStateMachine):
         super().__init__()
         self.loop = asyncio.new_event_loop()
         self.app = create_app(Settings(stream_channels=3))
-        self.serving = self.app.state.serving
-        self.serving.offer(self.catalog)
+        self.state = self.app.state.server
+        self.state.set_catalog(self.catalog)
         self.wire = Wire(self.app, self.loop)
         self.open = set()
         self.session = self.wire.texts()[0]["session"]
@@ -154,7 +154,7 @@ class Streams(RuleBasedStateMachine):
 
     @rule(seconds=st.sampled_from([0.0, 0.02, 1.0, 100.0]))
     def time_passes(self, seconds):
-        hub = self.serving.hub
+        hub = self.state.hub
         for ticker in hub._tickers:
             ticker.origin_s -= seconds
         self.loop.run_until_complete(hub._tick())
@@ -170,11 +170,11 @@ class Streams(RuleBasedStateMachine):
             assert all(text["resumed"] for text in answer)
         else:  # a session without channels is not kept
             assert [text["code"] for text in answer] == ["unknown_session"]
-            self.session = next(iter(self.serving.hub.sessions))
+            self.session = next(iter(self.state.hub.sessions))
 
     @invariant()
     def nothing_is_left_over(self):
-        hub = self.serving.hub
+        hub = self.state.hub
         assert not self.wire.task.done()
         assert {number for session in hub.sessions.values() for number in session.channels} == self.open
         assert hub.characters == len(self.open) <= 3
@@ -183,7 +183,7 @@ class Streams(RuleBasedStateMachine):
 
     def teardown(self):
         self.wire.leave(1000)
-        hub = self.serving.hub
+        hub = self.state.hub
         assert not hub.sessions
         assert hub.characters == 0
         assert all(ticker.sessions == 0 for ticker in hub._tickers)

@@ -37,7 +37,7 @@ async def test_a_new_version_appears_between_two_frames(serve, catalog):
             await client.open(2, "arm3")
             await client.poses(10)
             newer = with_version(catalog, "reach", 2, bases=other_basis(catalog.entries["reach"].verb))
-            server.call(server.serving.offer, newer)
+            server.call(server.state.set_catalog, newer)
             told = await client.until("version")
             await client.poses(20)
     assert (opened["version"], told["version"], told["channel"]) == (1, 2, 1)
@@ -64,7 +64,7 @@ async def test_a_version_that_cannot_go_on_is_told_and_the_old_one_stays(serve, 
             verb = catalog.entries["board"].verb
             other = replace(verb, name="arm3")
             entry = Entry.of_verb(other, path=catalog.entries["board"].path, version=2)
-            server.call(server.serving.offer, Catalog(MappingProxyType({**catalog.entries, "arm3": entry}), ()))
+            server.call(server.state.set_catalog, Catalog(MappingProxyType({**catalog.entries, "arm3": entry}), ()))
             error = await client.until("error")
             frames = await client.poses(5)
     assert error["channel"] == 1
@@ -83,7 +83,7 @@ async def test_a_crowd_is_told_of_a_new_version_once_however_many_are_stepped_at
             (part,) = (part for ticker in server.hub._tickers for plan in ticker._plans.values() for part in plan.parts)
             assert len(part.slots) == count
             newer = with_version(catalog, "arm3", 2, bases=other_basis(catalog.entries["arm3"].verb))
-            server.call(server.serving.offer, newer)
+            server.call(server.state.set_catalog, newer)
             await client.until("version")
             await client.poses(8)
             for adverbs in ((0.5, 0.1), (0.3, 0.2)):

@@ -1,6 +1,6 @@
-"""Where jobs are queued: DBOS beside the store, with the names and settings that servers and workers share.
+"""Setup of DBOS, which queues refinement jobs: names and settings that servers and workers share.
 
-With SQLite it keeps a file of its own, ``jobs.db`` beside the store's; in PostgreSQL a schema of its own, ``dbos``.
+With SQLite DBOS uses the file ``jobs.db`` beside that of the store; in PostgreSQL the schema ``dbos``.
 """
 
 from __future__ import annotations
@@ -12,24 +12,34 @@ from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer
 from dbos import error as problems
 from sqlalchemy import make_url
 
-__all__ = ["QUEUE", "RECOVERIES", "VERSION", "WORKFLOW", "config", "connect", "prepare", "quiet", "system_url"]
+__all__ = [
+    "QUEUE",
+    "RECOVERIES",
+    "VERSION",
+    "WORKFLOW",
+    "config",
+    "configure_logging",
+    "connect",
+    "prepare",
+    "system_url",
+]
 
 NAME = "adverb"
 WORKFLOW = "refine"
 QUEUE = "refinements"
 
 VERSION = "1"
-"""Of the steps of a job. Raise it only where a worker could not go on from a step that an older one finished."""
+"""Version of the steps of a job. Workers run only jobs of their own version."""
 
 RECOVERIES = 1_000
-"""DBOS's own count of starts, which it sets back at every take-over; the store counts what matters."""
+"""Limit of DBOS's own count of starts, which is reset when a job is resumed; the store counts lost workers."""
 
 POLL_S = 0.5
-"""How often an idle worker looks into the queue; more often costs processor time."""
+"""Polling interval of an idle worker, seconds."""
 
 
 def system_url(database_url: str) -> str:
-    """Address of DBOS's database, from that of the store's."""
+    """Address of DBOS's database, derived from that of the store."""
     url = make_url(database_url)
     if url.get_backend_name() != "sqlite":
         return url.set(drivername="postgresql").render_as_string(hide_password=False)
@@ -39,8 +49,8 @@ def system_url(database_url: str) -> str:
 
 
 def prepare(database_url: str) -> None:
-    """Make DBOS's tables, or bring them up to date, and the queue: a client does not do so by itself."""
-    quiet()
+    """Create or upgrade DBOS's tables, and register the queue; a client does neither by itself."""
+    configure_logging()
     DBOS.migrate(system_url(database_url))
     client = connect(database_url)
     try:
@@ -50,7 +60,7 @@ def prepare(database_url: str) -> None:
 
 
 def connect(database_url: str) -> DBOSClient:
-    """A client, which never runs jobs; its writes fail instead of waiting for a database that is gone."""
+    """A client, which runs no jobs; its writes fail instead of waiting for an unreachable database."""
     return DBOSClient(
         system_database_url=system_url(database_url),
         serializer=DBOSPortableJSONSerializer(),
@@ -73,16 +83,16 @@ def config(database_url: str, executor_id: str) -> DBOSConfig:
     )
 
 
-def quiet() -> None:
-    """Let DBOS log like everything else, instead of to a stream of its own, and nothing about what is no trouble."""
+def configure_logging() -> None:
+    """Route DBOS's log through ours, and drop the expected records of cancelled jobs."""
     logger = logging.getLogger("dbos")
     if not any(isinstance(one, logging.NullHandler) for one in logger.handlers):
-        logger.addHandler(logging.NullHandler())  # with any handler there DBOS adds none
-        logger.addFilter(_no_trouble)
+        logger.addHandler(logging.NullHandler())  # DBOS adds its own handler only to a logger without any
+        logger.addFilter(_is_unexpected)
     logger.setLevel(logging.WARNING)
 
 
-def _no_trouble(record: logging.LogRecord) -> bool:
-    """Whether a record is worth reading: that a job ended because it was cancelled is not."""
+def _is_unexpected(record: logging.LogRecord) -> bool:
+    """Whether a log record is about something else than a cancelled job."""
     kind: Any = record.exc_info[0] if isinstance(record.exc_info, tuple) else None
     return kind is None or not issubclass(kind, problems.DBOSAwaitedWorkflowCancelledError)

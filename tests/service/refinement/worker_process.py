@@ -1,4 +1,4 @@
-"""A worker for tests, with short steps, in a process that is forked from one which has loaded everything."""
+"""A worker for tests, with short steps, forked from a process that has loaded everything."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 import structlog
 
 from service.refinement.worker import steps
-from service.refinement.worker.acceptance import judge
-from service.refinement.worker.checkpoint import Course, go_on
+from service.refinement.worker.acceptance import compare
+from service.refinement.worker.checkpoint import Checkpoint, resume_refinement
 from service.refinement.worker.main import run
 from verbs import library
 from verbs.domain import random_points
 from verbs.refine import Rules, refine, with_basis
 
 PAUSE_S = 0.06
-"""What every step takes longer, so that there is time to kill its worker; each inserts one pseudo-example."""
+"""Delay of every step, so that its worker can be killed; each step inserts one pseudo-example."""
 
 
-def work(database_url: str, artifacts: str, executor_id: str, log: str, errors: str) -> None:
-    """Work until told to stop; what is logged goes into a file, one JSON object a line."""
+def run_worker(database_url: str, artifacts: str, executor_id: str, log: str, errors: str) -> None:
+    """Run jobs until SIGTERM; the log is a file with one JSON object per line."""
     os.dup2(os.open(errors, os.O_WRONLY | os.O_CREAT | os.O_APPEND), sys.stderr.fileno())
     file = Path(log).open("a", buffering=1)  # noqa: SIM115 until the process ends
     structlog.configure(
@@ -34,22 +34,22 @@ def work(database_url: str, artifacts: str, executor_id: str, log: str, errors: 
         ],
         logger_factory=structlog.PrintLoggerFactory(file),
     )
-    steps.go_on = slowly
+    steps.resume_refinement = resume_slowly
     run(database_url, artifacts, executor_id=executor_id, poll_s=0.5, step_s=0.0, say=lambda text: None)
 
 
-def slowly(*arguments, **options) -> Course:
-    """Go on from a course, after a pause."""
+def resume_slowly(*arguments, **options) -> Checkpoint:
+    """Resume from a checkpoint, after a delay."""
     time.sleep(PAUSE_S)
-    return go_on(*arguments, **options)
+    return resume_refinement(*arguments, **options)
 
 
 def warm() -> None:
-    """Load every kernel that a job needs."""
+    """Load the kernels that a job needs."""
     verb, rules = library.load("arm3"), Rules(target_error=0.0, max_pseudo=1)
     *_, last = refine(verb, rules)
     new = with_basis(verb, last.basis, rules, last.mark)
-    judge(verb, new, "hybrid", random_points(verb, np.random.default_rng(0), 10))
+    compare(verb, new, "hybrid", random_points(verb, np.random.default_rng(0), 10))
 
 
 if __name__ == "__mp_main__" or "multiprocessing.forkserver" in sys.modules:

@@ -1,28 +1,28 @@
-"""What goes wrong → RFC 9457 problem: one table. Nothing else in the service knows statuses of errors.
+"""Errors of the service, and the table that maps errors to RFC 9457 problems.
 
-Every problem has a stable ``code``; ``type`` is where ``/docs`` explains it. The tree of the service's own errors::
+Every problem has a stable ``code``; ``type`` links to its description in ``/docs``. The errors of the service::
 
     ServiceError
-    ├── UnknownHost        the request names a host that this server is not known as
+    ├── UnknownHost        the ``Host`` of the request is not a name of this server
     ├── ForeignOrigin      a browser sent the request for a page of another site
     ├── NotReady           verbs are still being loaded
-    ├── Overloaded         too many long calls wait already
-    ├── BodyTooLarge       the body is longer than the server takes
-    ├── BatchTooLarge      more poses than one call may ask for
-    ├── WrongMediaType     the body is of a type that the route does not read
-    ├── NotAcceptable      no form that the route can give is accepted
-    ├── BadBody            the body cannot be read as what it says it is
-    ├── BadUpload          an uploaded verb cannot be served
-    ├── VersionConflict    the verb is at another version than the client believes
-    ├── UnknownRefinement  there is no such refinement
-    ├── AlreadyRefining    the verb is being refined
+    ├── Overloaded         the queue of long calls is full
+    ├── BodyTooLarge       the body is longer than the limit
+    ├── BatchTooLarge      the request has more poses than the limit
+    ├── WrongMediaType     the route does not accept the media type of the body
+    ├── NotAcceptable      the client accepts no media type of the route
+    ├── BadBody            the body does not match its media type
+    ├── BadUpload          an uploaded verb is invalid
+    ├── VersionConflict    another version is current than the client expects
+    ├── UnknownRefinement  no refinement has this id
+    ├── AlreadyRefining    another refinement of the verb is unfinished
     ├── ReadOnly           the server was started without a data folder
     ├── StoreUnavailable   the database or the artifacts cannot be reached
-    ├── BadMessage         a stream's message cannot be read as one
-    ├── UnknownChannel     no such channel is open in this stream
+    ├── BadMessage         a message of a stream is invalid
+    ├── UnknownChannel     the channel is not open in this stream
     ├── ChannelInUse       the channel is open already
-    ├── TooManyChannels    a stream has as many channels as it may
-    └── UnknownSession     there is no such session to resume
+    ├── TooManyChannels    the limit of channels is reached
+    └── UnknownSession     the session cannot be resumed
 """
 
 from __future__ import annotations
@@ -77,11 +77,11 @@ __all__ = [
 MEDIA_TYPE = "application/problem+json"
 
 MAX_LISTED = 16
-"""Mistakes that one answer lists."""
+"""Largest number of mistakes in one response."""
 
 
 class ServiceError(Exception):
-    """Root of what goes wrong in the service itself; ``extra`` goes into the problem."""
+    """Root of the errors of the service; ``extra`` is added to the problem."""
 
     def __init__(self, detail: str, *, headers: dict[str, str] | None = None, **extra: Any) -> None:
         self.detail, self.headers, self.extra = detail, headers or {}, extra
@@ -89,7 +89,7 @@ class ServiceError(Exception):
 
 
 class UnknownHost(ServiceError):
-    """The request names a host that this server is not known as."""
+    """The ``Host`` of the request is not a name of this server."""
 
 
 class ForeignOrigin(ServiceError):
@@ -101,59 +101,59 @@ class NotReady(ServiceError):
 
 
 class Overloaded(ServiceError):
-    """Too many long calls wait already."""
+    """The queue of long calls is full."""
 
 
 class BodyTooLarge(ServiceError):
-    """The body is longer than the server takes."""
+    """The body is longer than the limit."""
 
 
 class BatchTooLarge(ServiceError):
-    """More poses, or frames, than one call may ask for."""
+    """The request has more poses or frames than the limit."""
 
 
 class WrongMediaType(ServiceError):
-    """The body is of a type that the route does not read."""
+    """The route does not accept the media type of the body."""
 
 
 class NotAcceptable(ServiceError):
-    """The client accepts none of the forms that the route can give."""
+    """The client accepts no media type of the route."""
 
 
 class BadBody(ServiceError):
-    """The body cannot be read as what it says it is."""
+    """The body does not match its media type."""
 
 
 class BadUpload(ServiceError):
-    """An uploaded verb cannot be served."""
+    """An uploaded verb is invalid."""
 
 
 class VersionConflict(ServiceError):
-    """The verb is at another version than the client believes."""
+    """Another version is current than the client expects."""
 
 
 class UnknownRefinement(ServiceError):
-    """There is no such refinement."""
+    """No refinement has this id."""
 
 
 class AlreadyRefining(ServiceError):
-    """The verb is being refined."""
+    """Another refinement of the verb is unfinished."""
 
 
 class ReadOnly(ServiceError):
-    """The server was started without a data folder, and keeps nothing."""
+    """The server was started without a data folder, and is read-only."""
 
 
 class StoreUnavailable(ServiceError):
-    """The database or the artifacts cannot be reached; what is loaded is served on."""
+    """The database or the artifacts cannot be reached; loaded verbs are still served."""
 
 
 class BadMessage(ServiceError):
-    """A stream's message cannot be read as one."""
+    """A message of a stream is invalid."""
 
 
 class UnknownChannel(ServiceError):
-    """No such channel is open in this stream."""
+    """The channel is not open in this stream."""
 
 
 class ChannelInUse(ServiceError):
@@ -161,16 +161,16 @@ class ChannelInUse(ServiceError):
 
 
 class TooManyChannels(ServiceError):
-    """A stream, or the server, has as many channels as it may."""
+    """The limit of channels of a stream or of the server is reached."""
 
 
 class UnknownSession(ServiceError):
-    """There is no such session here, or its grace time is over."""
+    """The session is unknown to this server, or its grace time is over."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One row of the table: status, stable code, title, and what a client should do about it."""
+    """A row of the table: status, stable code, title, and advice for clients."""
 
     status: int
     code: str
@@ -178,7 +178,7 @@ class Problem:
     advice: str
 
 
-_UNKNOWN = "The answer's `known` lists the names that exist."
+_UNKNOWN = "`known` lists the existing names."
 
 PROBLEMS: dict[str, Problem] = {
     row.code: row
@@ -187,40 +187,40 @@ PROBLEMS: dict[str, Problem] = {
         Problem(403, "foreign_origin", "Foreign origin", "Pages of other sites cannot use this server."),
         Problem(404, "unknown_verb", "Unknown verb", _UNKNOWN),
         Problem(404, "unknown_version", "Unknown version", _UNKNOWN),
-        Problem(404, "not_found", "Not found", "See /docs for what is served."),
+        Problem(404, "not_found", "Not found", "See /docs for the routes."),
         Problem(405, "method_not_allowed", "Method not allowed", "The header `Allow` lists the methods of this route."),
-        Problem(406, "not_acceptable", "Not acceptable", "The answer's `known` lists the media types to accept."),
+        Problem(406, "not_acceptable", "Not acceptable", "`known` lists the available media types."),
         Problem(413, "body_too_large", "Body too large", "Send less at once; `limit` is in bytes."),
-        Problem(413, "batch_too_large", "Batch too large", "Ask for less at once; `limit` is in poses."),
-        Problem(
-            415, "unsupported_media_type", "Unsupported media type", "The answer's `known` lists what can be sent."
-        ),
+        Problem(413, "batch_too_large", "Batch too large", "Request fewer at once; `limit` is in poses."),
+        Problem(415, "unsupported_media_type", "Unsupported media type", "`known` lists the accepted media types."),
         Problem(421, "unknown_host", "Unknown host", "Use the server's own name, or add this one to its settings."),
-        Problem(422, "invalid_request", "Invalid request", "The answer's `errors` say where, and what is allowed."),
+        Problem(422, "invalid_request", "Invalid request", "`errors` lists where, and what is allowed."),
         Problem(422, "unknown_adverb", "Unknown adverb", _UNKNOWN),
         Problem(422, "unknown_joint", "Unknown joint", _UNKNOWN),
         Problem(422, "unknown_method", "Unknown method", _UNKNOWN),
         Problem(422, "unknown_space", "Unknown space", _UNKNOWN),
-        Problem(422, "out_of_range", "Out of range", "The detail says which number, and its bounds."),
-        Problem(422, "bad_request", "Request cannot be answered", "The detail says why."),
-        Problem(404, "unknown_refinement", "Unknown refinement", "GET /v1/refinements lists those that exist."),
-        Problem(409, "already_refining", "Already refining", "Follow or cancel the one that `refinement` names."),
-        Problem(409, "read_only", "Server keeps nothing", "Start the server with a data folder (--data)."),
-        Problem(412, "version_conflict", "Other version", "Look at version `current`, and try again with its number."),
-        Problem(503, "store_unavailable", "Store unavailable", "Verbs are served on; try again after `Retry-After`."),
-        Problem(422, "bad_upload", "Upload is no verb", "The detail says what is wrong with it, and where."),
-        Problem(400, "bad_message", "Message cannot be read", "In streams. See docs/wire.md for messages."),
+        Problem(422, "out_of_range", "Out of range", "The detail names the number and its bounds."),
+        Problem(422, "bad_request", "Bad request", "The detail gives the reason."),
+        Problem(404, "unknown_refinement", "Unknown refinement", "GET /v1/refinements lists the existing ones."),
+        Problem(409, "already_refining", "Already refining", "Follow or cancel the one in `refinement`."),
+        Problem(409, "read_only", "Read-only server", "Start the server with a data folder (--data)."),
+        Problem(412, "version_conflict", "Version conflict", "Read version `current`, and retry with its number."),
+        Problem(
+            503, "store_unavailable", "Store unavailable", "Verbs are still served; retry after `Retry-After` seconds."
+        ),
+        Problem(422, "bad_upload", "Invalid upload", "The detail describes the mistake and its place."),
+        Problem(400, "bad_message", "Invalid message", "In streams. See docs/wire.md for messages."),
         Problem(404, "unknown_channel", "Unknown channel", "In streams. Open it first."),
         Problem(409, "channel_in_use", "Channel in use", "In streams. Close it first, or switch it."),
-        Problem(422, "skeleton_mismatch", "Other skeleton", "In streams. Open another channel for that verb."),
-        Problem(404, "unknown_session", "Unknown session", "In streams. Open the channels anew."),
-        Problem(429, "too_many_channels", "Too many channels", "In streams. Close some, or ask the operator for more."),
+        Problem(422, "skeleton_mismatch", "Skeleton mismatch", "In streams. Open another channel for that verb."),
+        Problem(404, "unknown_session", "Unknown session", "In streams. Open new channels."),
+        Problem(429, "too_many_channels", "Too many channels", "In streams. Close some, or raise the server's limits."),
         Problem(500, "internal_error", "Internal error", "Report it with the request id."),
-        Problem(503, "not_ready", "Not ready", "Verbs are being loaded; ask again after `Retry-After` seconds."),
-        Problem(503, "overloaded", "Overloaded", "Ask again after `Retry-After` seconds, or for less at once."),
+        Problem(503, "not_ready", "Not ready", "Verbs are being loaded; retry after `Retry-After` seconds."),
+        Problem(503, "overloaded", "Overloaded", "Retry after `Retry-After` seconds, or request less at once."),
     )
 }
-"""Every problem that the service answers with, by code."""
+"""All problems of the service, by code."""
 
 _SERVICE_CODES: dict[type[ServiceError], str] = {
     UnknownHost: "unknown_host",
@@ -248,7 +248,7 @@ _HTTP_CODES = {404: "not_found", 405: "method_not_allowed", 413: "body_too_large
 
 
 def problem(code: str, detail: str, *, headers: dict[str, str] | None = None, **extra: Any) -> Response:
-    """A problem as a response."""
+    """Build the response of a problem."""
     row = PROBLEMS[code]
     content = {
         "type": f"/docs#{code}",
@@ -262,20 +262,20 @@ def problem(code: str, detail: str, *, headers: dict[str, str] | None = None, **
 
 
 def response_of(err: Exception) -> Response:
-    """The problem that stands for an exception."""
+    """The problem response of an exception."""
     if isinstance(err, ServiceError):
         return problem(_SERVICE_CODES[type(err)], err.detail, headers=err.headers, **err.extra)
     if isinstance(err, VerbError):
         return _of_library(err)
-    if isinstance(err, StoreError) and (said := _of_store(err)) is not err:
-        return response_of(said)
+    if isinstance(err, StoreError) and (translated := _of_store(err)) is not err:
+        return response_of(translated)
     if isinstance(err, RequestValidationError):
         listed = _mistakes(err.errors())
         return problem("invalid_request", f"{listed[0]['at']}: {listed[0]['problem']}", errors=listed)
     if isinstance(err, HTTPException):
         code = _HTTP_CODES.get(err.status_code, "bad_request" if err.status_code < 500 else "internal_error")
-        return problem(code, _said(err), headers=dict(err.headers or {}))
-    return problem("internal_error", "something went wrong inside the server; its log has the request id")
+        return problem(code, _detail(err), headers=dict(err.headers or {}))
+    return problem("internal_error", "internal error; the server's log has the request id")
 
 
 def _of_library(err: VerbError) -> Response:
@@ -284,26 +284,26 @@ def _of_library(err: VerbError) -> Response:
 
 
 def _of_store(err: StoreError) -> Exception:
-    """What the store says, in the service's words."""
-    said: Exception = err
+    """The error of the service for an error of the store."""
+    translated: Exception = err
     match err:
         case records.UnknownVerb():
-            said = UnknownName("verb", err.verb, err.known)
+            translated = UnknownName("verb", err.verb, err.known)
         case records.UnknownVersion():
-            said = UnknownName("version", str(err.number), [str(number) for number in err.known])
+            translated = UnknownName("version", str(err.number), [str(number) for number in err.known])
         case records.UnknownJob():
-            said = UnknownRefinement(f"there is no refinement '{err.id[:64]}'")
+            translated = UnknownRefinement(f"unknown refinement '{err.id[:64]}'")
         case records.Conflict():
-            said = VersionConflict(str(err), current=err.found)
+            translated = VersionConflict(str(err), current=err.found)
         case records.StoreUnavailable():
-            said = StoreUnavailable(str(err), headers={"Retry-After": "2"})
+            translated = StoreUnavailable(str(err), headers={"Retry-After": "2"})
         case records.InvalidValue():
-            said = RequestError(str(err))
-    return said
+            translated = RequestError(str(err))
+    return translated
 
 
 def code_of(err: ServiceError | VerbError) -> tuple[str, str]:
-    """Stable code and detail of an error, as streams say them."""
+    """Stable code and detail of an error, for streams."""
     if isinstance(err, ServiceError):
         return _SERVICE_CODES[type(err)], err.detail
     if isinstance(err, UnknownName):
@@ -315,11 +315,11 @@ def code_of(err: ServiceError | VerbError) -> tuple[str, str]:
 
 
 def invalid(err: ValidationError, model: type[BaseModel]) -> NoReturn:
-    """Raise what a body that does not fit its model deserves: it is no JSON, or it is not what was expected."""
+    """Raise :class:`BadBody` if a body is not JSON, otherwise RequestValidationError with its mistakes."""
     mistakes = err.errors(include_url=False, include_input=False)
     if mistakes[0]["type"] == "json_invalid":
         reason = mistakes[0].get("ctx", {}).get("error", mistakes[0]["msg"])
-        raise BadBody(f"the body is no JSON: {reason}") from err
+        raise BadBody(f"the body is not JSON: {reason}") from err
     for row in mistakes:
         if row["type"] == "extra_forbidden" and len(row["loc"]) == 1:
             row["msg"] += f"; known: {', '.join(model.model_fields)}"
@@ -327,21 +327,21 @@ def invalid(err: ValidationError, model: type[BaseModel]) -> NoReturn:
 
 
 def _mistakes(errors: Iterable[Any]) -> list[dict[str, str]]:
-    """Where and what, for people; what was sent is not repeated, since it may be large or secret."""
+    """Mistakes with their places; values are not repeated, as they may be large or secret."""
     listed = list(errors)[:MAX_LISTED]
     return [{"at": ".".join(str(part) for part in row["loc"])[:200] or "body", "problem": row["msg"]} for row in listed]
 
 
-def _said(err: HTTPException) -> str:
+def _detail(err: HTTPException) -> str:
     if err.status_code == HTTPStatus.NOT_FOUND:
-        return "there is nothing at this address; /docs lists what is served"
+        return "unknown address; /docs lists the routes"
     if err.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-        return f"this address answers {(err.headers or {}).get('Allow', 'other methods')} only"
+        return f"this address accepts only {(err.headers or {}).get('Allow', 'other methods')}"
     return str(err.detail)
 
 
 def install(app: FastAPI) -> None:
-    """Answer every error of an app with its problem."""
+    """Register handlers that return problems for all errors of an app."""
 
     async def answer(request: Request, err: Exception) -> Response:
         del request

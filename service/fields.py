@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 __all__ = ["STRICT", "Name", "Space"]
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
-"""Unknown fields, conversions and numbers that are not finite are errors."""
+"""Reject unknown fields, conversions and numbers that are not finite."""
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Space = Literal["local", "global"]

@@ -1,4 +1,4 @@
-"""Everything that an operator can set, each with its unit; environment variables start with ``ADVERB_``."""
+"""Settings of the server with their units; environment variables start with ``ADVERB_``."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ LogLevel = Literal["debug", "info", "warning", "error"]
 class Settings(BaseSettings):
     """Settings of one server process.
 
-    Arguments win over environment variables, and these over the defaults. Nothing reads the environment on import:
-    whoever starts a server makes one of these and hands it to :func:`service.app.create_app`.
+    Arguments take precedence over environment variables, and these over the defaults. The environment is read when an
+    instance is created, never on import.
     """
 
     def environment(self) -> dict[str, str]:
-        """Environment variables that give another process these settings."""
+        """Environment variables that pass these settings to another process."""
         given = self.model_dump(mode="json", exclude_none=True)
         return {f"ADVERB_{name.upper()}": str(value) for name, value in given.items()}
 
     @property
     def database(self) -> str:
-        """Address of the database; there is one where there is a data folder."""
-        assert self.data is not None  # asked for by whoever keeps versions
+        """Address of the database; requires a data folder."""
+        assert self.data is not None  # callers check it
         return self.database_url or f"sqlite:///{self.data.resolve() / 'state.db'}"
 
     @property
     def artifacts(self) -> str:
-        """Address of the artifacts."""
-        assert self.data is not None  # asked for by whoever keeps versions
+        """Address of the artifacts; requires a data folder."""
+        assert self.data is not None  # callers check it
         return self.artifact_url or str(self.data.resolve() / "artifacts")
 
     model_config = SettingsConfigDict(env_prefix="ADVERB_", extra="ignore", frozen=True, env_ignore_empty=True)
@@ -46,15 +46,12 @@ class Settings(BaseSettings):
         Field(
             ge=1,
             le=256,
-            description="Server processes that share the port (Linux). Limits on streams and threads hold for each.",
+            description="Server processes that share the port (Linux). Limits on streams and threads are per process.",
         ),
     ] = 1
     allow_public: Annotated[
         bool,
-        Field(
-            description="Yes, listen on an address that other machines can reach, although there are no keys: anyone "
-            "who reaches it may use it."
-        ),
+        Field(description="Allow a public address without authentication: anyone who can reach the server can use it."),
     ] = False
     allowed_hosts: Annotated[
         str,
@@ -67,8 +64,8 @@ class Settings(BaseSettings):
     data: Annotated[
         Path | None,
         Field(
-            description="Folder in which versions of verbs are kept; verbs that lie there as files (*.verb) are taken "
-            "in at the start. Without one the built-in verbs are served, and nothing can be changed."
+            description="Folder of versions of verbs. Files *.verb in it are published at the start. Without a folder "
+            "the server is read-only and serves the built-in verbs."
         ),
     ] = None
     database_url: Annotated[
@@ -77,66 +74,67 @@ class Settings(BaseSettings):
     ] = None
     artifact_url: Annotated[
         str | None,
-        Field(description="Where artifacts are kept: a folder, or s3://bucket/prefix; by default in the data folder."),
+        Field(description="Address of the artifacts: a folder, or s3://bucket/prefix; by default in the data folder."),
     ] = None
     refiners: Annotated[
-        int, Field(ge=0, le=64, description="Processes that refine verbs, started beside the server.")
+        int, Field(ge=0, le=64, description="Worker processes for refinements, started with the server.")
     ] = 1
     refine_above: Annotated[
         float | None,
         Field(
             gt=0,
             le=1,
-            description="Mean error of a verb's answers beyond which it is refined without being asked, as a share of "
-            "the diagonal of its examples' goals (0.01 is one percent); never, where it is not given.",
+            description="Mean error of a verb's poses above which a refinement starts automatically, as a share of the "
+            "diagonal of its examples' goals (0.01 is one percent). Unset: never.",
         ),
     ] = None
     max_upload_bytes: Annotated[
-        int, Field(ge=1_024, le=1024**3, description="Longest uploaded verb or zip of a verb source, bytes.")
+        int, Field(ge=1_024, le=1024**3, description="Largest upload of a verb or of a zip of a verb source, bytes.")
     ] = 256 * 1024 * 1024
-    log_level: Annotated[LogLevel, Field(description="Least severe message to log: debug, info, warning, error.")] = (
+    log_level: Annotated[LogLevel, Field(description="Lowest level of log messages: debug, info, warning, error.")] = (
         "info"
     )
-    log_json: Annotated[bool, Field(description="Log one JSON object a line instead of text for people.")] = False
+    log_json: Annotated[bool, Field(description="Log one JSON object per line instead of text.")] = False
     max_body_bytes: Annotated[
-        int, Field(ge=1_024, le=256 * 1024 * 1024, description="Longest request body, bytes.")
+        int, Field(ge=1_024, le=256 * 1024 * 1024, description="Largest request body, bytes.")
     ] = 1024 * 1024
     max_batch: Annotated[
-        int, Field(ge=1, le=100_000, description="Most poses in one binary call of the poses route.")
+        int, Field(ge=1, le=100_000, description="Largest number of poses in a binary request to the poses route.")
     ] = 10_000
     max_batch_json: Annotated[
         int,
         Field(
             ge=1,
             le=10_000,
-            description="Most poses in one JSON call of the poses route; reading JSON holds up every other request, "
-            "about 3 µs a pose.",
+            description="Largest number of poses in a JSON request to the poses route; parsing JSON blocks other "
+            "requests, about 3 µs per pose.",
         ),
     ] = 1_000
     max_sequence_frames: Annotated[
-        int, Field(ge=1, le=100_000, description="Most frames in one answer of the sequence route.")
+        int, Field(ge=1, le=100_000, description="Largest number of frames in a response of the sequence route.")
     ] = 10_000
     compute_threads: Annotated[
         int,
         Field(ge=1, le=64, description="Threads for batches and sequences that take longer than half a millisecond."),
     ] = 2
     max_waiting: Annotated[
-        int, Field(ge=0, le=10_000, description="Most such calls that wait for a thread; more are answered 503.")
+        int, Field(ge=0, le=10_000, description="Largest queue of such calls; further ones return 503.")
     ] = 64
-    streams: Annotated[int, Field(ge=1, le=100_000, description="Most streams (WebSockets) at a time.")] = 2_000
-    stream_channels: Annotated[int, Field(ge=1, le=65_536, description="Most channels (characters) of a stream.")] = (
-        1_024
-    )
+    streams: Annotated[int, Field(ge=1, le=100_000, description="Largest number of open streams (WebSockets).")] = 2_000
+    stream_channels: Annotated[
+        int, Field(ge=1, le=65_536, description="Largest number of channels (characters) per stream.")
+    ] = 1_024
     stream_characters: Annotated[
-        int, Field(ge=1, le=1_000_000, description="Most channels (characters) of all streams together.")
+        int, Field(ge=1, le=1_000_000, description="Largest number of channels (characters) of all streams.")
     ] = 20_000
     stream_grace_s: Annotated[
-        float, Field(ge=0, le=600, description="How long a stream that lost its connection can be resumed, seconds.")
+        float,
+        Field(ge=0, le=600, description="Time in which a stream can be resumed after its connection is lost, seconds."),
     ] = 10.0
     stream_slow_s: Annotated[
         float,
-        Field(gt=0, le=600, description="Seconds for which a stream's client may read nothing before it is cut off."),
+        Field(gt=0, le=600, description="Time after which a client that reads nothing is disconnected, seconds."),
     ] = 30.0
     shutdown_s: Annotated[
-        int, Field(ge=0, le=600, description="Longest wait for running requests when asked to stop, seconds.")
+        int, Field(ge=0, le=600, description="Longest wait for running requests at shutdown, seconds.")
     ] = 10

@@ -1,4 +1,4 @@
-"""A route without FastAPI's dependency solving."""
+"""A route class that calls its endpoint without FastAPI's dependency resolution."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ __all__ = ["Direct"]
 
 
 class Direct(APIRoute):
-    """Calls its endpoint with the request and the path's parameters, and with nothing else.
+    """Calls its endpoint with the request and the path parameters only.
 
-    Opening stacks for dependencies and validating one path parameter takes longer than a pose. The signature still
-    makes the documentation; endpoints read and check the body by themselves, and the app answers their errors.
+    Resolving dependencies and validating one path parameter takes longer than evaluating a pose. The signature still
+    documents the route; the endpoint reads and validates the body, and the app's handlers answer its errors.
     """
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
-        self.app = self._answer
+        self.app = self._call
 
-    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        answer: Response = await self.endpoint(Request(scope, receive, send), **scope["path_params"])
-        await answer(scope, receive, send)
+    async def _call(self, scope: Scope, receive: Receive, send: Send) -> None:
+        response: Response = await self.endpoint(Request(scope, receive, send), **scope["path_params"])
+        await response(scope, receive, send)

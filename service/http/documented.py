@@ -10,13 +10,13 @@ from pydantic import BaseModel
 from service.errors import MEDIA_TYPE, PROBLEMS
 from service.http.negotiation import JSON, OCTETS
 
-__all__ = ["ASKING", "LOOKING", "VerbName", "body", "forms", "problems"]
+__all__ = ["EVALUATING", "READING", "VerbName", "body", "forms", "problems"]
 
 VerbName = Annotated[str, Path(description="Name of a verb, as `GET /v1/verbs` lists them.", examples=["reach"])]
 
-LOOKING = ("unknown_verb", "not_ready")
-ASKING = (
-    *LOOKING,
+READING = ("unknown_verb", "not_ready")
+EVALUATING = (
+    *READING,
     "malformed_body",
     "unknown_version",
     "not_acceptable",
@@ -26,11 +26,11 @@ ASKING = (
     "invalid_request",
     "overloaded",
 )
-"""Codes that a route which only looks, and one that evaluates, may answer with."""
+"""Problem codes of routes that read, and of routes that evaluate."""
 
 
 def problems(*codes: str) -> dict[int | str, dict[str, Any]]:
-    """Documented problem responses, by status."""
+    """Problem responses for the OpenAPI document, by status."""
     rows: dict[int | str, dict[str, Any]] = {}
     for code in codes:
         row = PROBLEMS[code]
@@ -41,12 +41,12 @@ def problems(*codes: str) -> dict[int | str, dict[str, Any]]:
 
 
 def forms(*others: str) -> dict[int | str, dict[str, Any]]:
-    """The successful response in other forms than JSON, which the response model documents."""
+    """Successful responses of other media types than JSON."""
     return {200: {"content": {form: {"schema": _schema(form)} for form in others}}}
 
 
 def body(model: type[BaseModel], *others: str) -> dict[str, Any]:
-    """A request body that the handler reads by itself."""
+    """A request body that the handler reads and validates."""
     content: dict[str, Any] = {JSON: {"schema": {"$ref": f"#/components/schemas/{model.__name__}"}}}
     content |= {form: {"schema": _schema(form)} for form in others}
     return {"requestBody": {"required": True, "content": content}}

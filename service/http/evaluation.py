@@ -1,4 +1,4 @@
-"""Checked requests → evaluated poses: the calls into the library, and where they run."""
+"""Evaluation of validated requests: the calls into the library, on the event loop or in a thread."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from verbs.runtime.evaluate import Poses
 
 __all__ = ["Batch", "binary_batch", "json_batch", "pose", "poses", "records", "sequence"]
 
-MAX_WALKED_CYCLES = 20_000.0
-"""Cycles that one call may have walked through, all poses together: about a second of work."""
+MAX_CYCLES = 20_000.0
+"""Cycles of a looping verb that one request may integrate, all poses together: about a second of work."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
-    """Poses that are asked for in one call.
+    """The poses of one request.
 
     Parameters
     ----------
@@ -45,48 +45,50 @@ class Batch:
     given_time: bool
 
 
-async def pose(state: ServerState, entry: Entry, asked: PoseRequest) -> Evaluated:
-    """One pose; on the event loop, unless it has a long way to walk."""
-    entry.check(method=asked.method)
-    evaluator, joints = entry.evaluator, entry.joints(asked.joints)
+async def pose(state: ServerState, entry: Entry, request: PoseRequest) -> Evaluated:
+    """Evaluate one pose, on the event loop unless many cycles have to be integrated."""
+    entry.check(method=request.method)
+    evaluator, joints = entry.evaluator, entry.joints(request.joints)
 
     def work() -> Evaluated:
-        instant = {"phase": asked.phase, "time_s": asked.time}
-        if asked.max_error is None:
-            found = evaluator.pose(asked.adverbs, method=asked.method, **instant)
-            return Evaluated(found, *describe.in_space(evaluator, found, asked.space, joints))
-        met = error_bound.escalate(evaluator, evaluator.adverbs(asked.adverbs), asked.max_error, method=asked.method)
+        instant = {"phase": request.phase, "time_s": request.time}
+        if request.max_error is None:
+            found = evaluator.pose(request.adverbs, method=request.method, **instant)
+            return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints))
+        met = error_bound.escalate(
+            evaluator, evaluator.adverbs(request.adverbs), request.max_error, method=request.method
+        )
         found = evaluator.pose_of(met.blend, **instant)
         if met.turns is not None:
             found = error_bound.apply_polish(evaluator, found, met.turns)
-        return Evaluated(found, *describe.in_space(evaluator, found, asked.space, joints), met.tried)
+        return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), met.tried)
 
     cost = 0.0
     if entry.verb.looping:
-        cost = entry.cost_us(1, asked.phase or (asked.time or 0.0) / entry.shortest_s)
+        cost = entry.cost_us(1, request.phase or (request.time or 0.0) / entry.shortest_s)
     found = await state.pool.run(cost, work)
     state.metrics.count_poses(entry, found.poses.blend, 1)
     return found
 
 
-def json_batch(state: ServerState, asked: BatchRequest, query: Mapping[str, Any]) -> Batch:
-    """Poses of a JSON body."""
+def json_batch(state: ServerState, request: BatchRequest, query: Mapping[str, Any]) -> Batch:
+    """Batch of a JSON body."""
     given = [name for name, value in query.items() if value is not None]
     if given:
-        raise RequestError(f"'{given[0]}' stands in the query; with a JSON body, give it in the body")
-    _check_size(len(asked.items), state.settings.max_batch_json, "in JSON; send rows of float32 for more")
-    timed = {item.get("time") is not None for item in asked.items}
-    phased = any(item.get("phase") is not None for item in asked.items)
+        raise RequestError(f"'{given[0]}' is in the query; with a JSON body it belongs in the body")
+    _check_size(len(request.items), state.settings.max_batch_json, "in JSON; for more, send rows of float32")
+    timed = {item.get("time") is not None for item in request.items}
+    phased = any(item.get("phase") is not None for item in request.items)
     if len(timed) == 2 or (True in timed and phased):
-        raise RequestError("some items give a time and some a phase, or one gives both; give all the same")
+        raise RequestError("some items have a time and some a phase, or one has both; all must have the same")
     times = True in timed
     name: Literal["time", "phase"] = "time" if times else "phase"
-    at = [item.get(name) or 0.0 for item in asked.items]
-    return Batch(asked, [item["adverbs"] for item in asked.items], np.array(at, np.float64), times)
+    at = [item.get(name) or 0.0 for item in request.items]
+    return Batch(request, [item["adverbs"] for item in request.items], np.array(at, np.float64), times)
 
 
 def binary_batch(state: ServerState, entry: Entry, content: bytes, query: Mapping[str, Any]) -> Batch:
-    """Poses of a binary body: rows of adverbs and phase."""
+    """Batch of a binary body: rows of adverbs and phase."""
     names = [adverb.name for adverb in entry.verb.adverbs]
     width = len(names) + 1
     if not content or len(content) % (4 * width):
@@ -102,7 +104,7 @@ def binary_batch(state: ServerState, entry: Entry, content: bytes, query: Mappin
 
 
 async def poses(state: ServerState, entry: Entry, batch: Batch) -> Evaluated:
-    """A batch of poses in one call of the library; a long one in a thread."""
+    """Evaluate a batch in one call of the library; a long one runs in a thread."""
     options, evaluator = batch.options, entry.evaluator
     entry.check(method=options.method)
     joints = entry.joints(options.joints)
@@ -119,58 +121,56 @@ async def poses(state: ServerState, entry: Entry, batch: Batch) -> Evaluated:
     return found
 
 
-async def sequence(state: ServerState, entry: Entry, asked: SequenceRequest) -> Motion:
-    """A whole motion; a long one in a thread."""
-    entry.check(method=asked.method)
-    evaluator, joints = entry.evaluator, entry.joints(asked.joints)
+async def sequence(state: ServerState, entry: Entry, request: SequenceRequest) -> Motion:
+    """Evaluate a whole motion; a long one runs in a thread."""
+    entry.check(method=request.method)
+    evaluator, joints = entry.evaluator, entry.joints(request.joints)
     limit = state.settings.max_sequence_frames
 
     def work() -> Motion:
-        found = _frames(entry, asked, limit)
-        shown = Evaluated(found, *describe.in_space(evaluator, found, asked.space, joints))
-        whole = float(found.duration_s[0]) * asked.cycles if asked.adverbs is not None else float(found.time_s[-1])
+        found = _frames(entry, request, limit)
+        shown = Evaluated(found, *describe.in_space(evaluator, found, request.space, joints))
+        whole = float(found.duration_s[0]) * request.cycles if request.adverbs is not None else float(found.time_s[-1])
         events = sequences.events(evaluator, found)
-        return Motion(shown, asked.fps, whole, events, tracked=asked.track is not None)
+        return Motion(shown, request.fps, whole, events, tracked=request.track is not None)
 
-    frames = asked.fps * entry.longest_s * asked.cycles * (1 if asked.track is None else 3)
-    motion = await state.pool.run(entry.cost_us(int(frames), float(asked.cycles)), work)
-    state.metrics.count_poses(entry, motion.frames.poses.blend, len(motion.frames.turns))
+    frames = request.fps * entry.longest_s * request.cycles * (1 if request.track is None else 3)
+    motion = await state.pool.run(entry.cost_us(int(frames), float(request.cycles)), work)
+    state.metrics.count_poses(entry, motion.frames.poses.blend, len(motion.frames.rotations))
     return motion
 
 
 async def records(state: ServerState, entry: Entry, found: Evaluated, *, crowd: bool) -> bytes:
-    """Binary records: of a crowd, one channel each; else of one character over time, the last one flagged."""
+    """Encode binary records: a channel per pose of a crowd, or frames of one character with the last one flagged."""
 
     def work() -> bytes:
-        channels = np.arange(len(found.turns)) % 65_536 if crowd else 0
-        return wire.encode(found.poses, found.turns, entry.version, channels=channels, ended=not crowd).tobytes()
+        channels = np.arange(len(found.rotations)) % 65_536 if crowd else 0
+        return wire.encode(found.poses, found.rotations, entry.version, channels=channels, ended=not crowd).tobytes()
 
-    return await state.pool.run(0.01 * found.turns.size, work)
+    return await state.pool.run(0.01 * found.rotations.size, work)
 
 
-def _frames(entry: Entry, asked: SequenceRequest, limit: int) -> Poses:
-    evaluator, method, cycles = entry.evaluator, asked.method, asked.cycles
-    if asked.track is None:
-        assert asked.adverbs is not None  # the schema sees to it
-        rows = evaluator.adverbs(asked.adverbs)
-        return sequences.sequence(evaluator, rows, asked.fps, cycles=cycles, method=method, max_frames=limit)
-    times = np.array([point.time for point in asked.track], np.float64)
-    rows = evaluator.adverbs([point.adverbs for point in asked.track])
-    return sequences.tracked(evaluator, times, rows, asked.fps, cycles=cycles, method=method, max_frames=limit)
+def _frames(entry: Entry, request: SequenceRequest, limit: int) -> Poses:
+    evaluator, method, cycles = entry.evaluator, request.method, request.cycles
+    if request.track is None:
+        assert request.adverbs is not None  # the model requires adverbs or a track
+        rows = evaluator.adverbs(request.adverbs)
+        return sequences.sequence(evaluator, rows, request.fps, cycles=cycles, method=method, max_frames=limit)
+    times = np.array([point.time for point in request.track], np.float64)
+    rows = evaluator.adverbs([point.adverbs for point in request.track])
+    return sequences.tracked(evaluator, times, rows, request.fps, cycles=cycles, method=method, max_frames=limit)
 
 
 def _cycles(entry: Entry, batch: Batch) -> float:
-    """Cycles that a batch walks through; refused where they are too many."""
+    """Cycles that a batch integrates; raises :class:`OutOfRange` if there are too many."""
     if not entry.verb.looping:
         return 0.0
     total = float(batch.at.sum()) / (entry.shortest_s if batch.given_time else 1.0)
-    if total > MAX_WALKED_CYCLES:
-        raise OutOfRange(
-            f"the batch goes through {total:.0f} cycles, all poses together; {MAX_WALKED_CYCLES:.0f} are allowed"
-        )
+    if total > MAX_CYCLES:
+        raise OutOfRange(f"the poses of the batch span {total:.0f} cycles; at most {MAX_CYCLES:.0f} are allowed")
     return total
 
 
 def _check_size(count: int, limit: int, advice: str) -> None:
     if count > limit:
-        raise BatchTooLarge(f"{count} poses are asked for; at most {limit} are allowed {advice}".rstrip(), limit=limit)
+        raise BatchTooLarge(f"{count} poses are requested; at most {limit} are allowed {advice}".rstrip(), limit=limit)

@@ -1,4 +1,4 @@
-"""What happens to every request, as pure ASGI: a wrapper per layer would cost as much as the request itself."""
+"""Middleware of every request, as pure ASGI: request ids, metrics, error responses, body limits."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ __all__ = ["SCOPE_KEY", "BodyLimit", "Observe", "Trace"]
 
 SCOPE_KEY = "adverb.trace"
 
-CLIENT_LEFT = 499
-"""Counted status of a request whose client left before it was read; nothing was answered."""
+CLIENT_DISCONNECTED = 499
+"""Status that is counted for a request whose client disconnected before the response."""
 
 _REQUEST_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 
@@ -29,7 +29,7 @@ log = structlog.get_logger("adverb.request")
 
 @dataclass(slots=True)
 class Trace:
-    """What is told about a request: handlers name the verb and the method once they know that they exist."""
+    """Labels of a request: handlers set verb and method once they are known to exist."""
 
     request_id: str
     verb: str = NONE
@@ -37,7 +37,7 @@ class Trace:
 
 
 class Observe:
-    """Give each request an id, time it, count it, and answer what nobody caught with a problem."""
+    """Assign a request id, measure the duration, count the response, and turn uncaught errors into problems."""
 
     def __init__(self, app: ASGIApp, *, metrics: Metrics) -> None:
         self.app, self.metrics = app, metrics
@@ -62,11 +62,11 @@ class Observe:
         try:
             await self.app(scope, receive, sending)
         except ClientDisconnect:
-            status = CLIENT_LEFT
+            status = CLIENT_DISCONNECTED
         except Exception as err:
             log.exception("request failed", request_id=trace.request_id, path=scope["path"], verb=trace.verb)
             if status:
-                raise  # half an answer cannot be taken back; the server closes the connection
+                raise  # part of the response was sent; the server closes the connection
             await errors.response_of(err)(scope, receive, sending)
         finally:
             route = getattr(scope.get("route"), "path", UNMATCHED)
@@ -75,7 +75,7 @@ class Observe:
 
 
 class BodyLimit:
-    """Refuse a body that is too long: at once where it says so, else as soon as that much has come.
+    """Refuse a body that is too long, by its declared length or as soon as it exceeds the limit.
 
     Parameters
     ----------
@@ -112,11 +112,11 @@ class BodyLimit:
 
 
 def _refusal(limit: int) -> errors.BodyTooLarge:
-    return errors.BodyTooLarge(f"a body may be {limit} bytes long at most", limit=limit)
+    return errors.BodyTooLarge(f"a body may have at most {limit} bytes", limit=limit)
 
 
 def _request_id(scope: Scope) -> str:
-    """The client's own id where it is harmless to repeat, else a new one."""
+    """The client's own id if it has allowed characters only, else a new one."""
     for name, value in scope["headers"]:
         if name == b"x-request-id" and _REQUEST_ID.fullmatch(value):
             return str(value, "ascii")
@@ -124,5 +124,5 @@ def _request_id(scope: Scope) -> str:
 
 
 def _known_method(method: str) -> str:
-    """An HTTP method as a label; clients may send any word."""
+    """An HTTP method as a metric label; unknown methods are counted as ``other``."""
     return method if method in ("GET", "POST", "HEAD", "PUT", "PATCH", "DELETE", "OPTIONS") else "other"

@@ -1,4 +1,4 @@
-"""Reading requests and writing answers: media types, bodies, large JSON in slices."""
+"""Content negotiation and request bodies: media types, JSON models, large JSON responses in slices."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def header(request: Request, name: bytes) -> bytes:
-    """A header's value, or nothing; faster than a mapping for the two that a pose needs."""
+    """Value of a header, or empty bytes; faster than a mapping for the two headers that a pose needs."""
     for key, value in request.scope["headers"]:
         if key == name:
             return bytes(value)
@@ -29,28 +29,28 @@ def header(request: Request, name: bytes) -> bytes:
 
 
 def media_type(request: Request, *known: str) -> str:
-    """Type of the body; raises :class:`errors.WrongMediaType` with those that the route reads."""
+    """Media type of the body; raises :class:`errors.WrongMediaType` with the types that the route reads."""
     given = header(request, b"content-type")
     found = _essence(given)
     if found not in known:
-        said = f"'{found[:80]}'" if found else "of no stated type"
-        raise errors.WrongMediaType(f"the body is {said}; send Content-Type: {' or '.join(known)}", known=list(known))
+        kind = f"'{found[:80]}'" if found else "of no stated type"
+        raise errors.WrongMediaType(f"the body is {kind}; send Content-Type: {' or '.join(known)}", known=list(known))
     return found
 
 
 def accepted(request: Request, *offers: str) -> str:
-    """The form of answer that the client likes best; of equals the first that is offered.
+    """Media type of the response that the client prefers; of equal ones the first that is offered.
 
-    Raises :class:`errors.NotAcceptable` with the forms that the route can give.
+    Raises :class:`errors.NotAcceptable` with the media types that the route offers.
     """
-    form = _best(header(request, b"accept")[:1_000], offers)
-    if form is None:
-        raise errors.NotAcceptable(f"this route answers {', '.join(offers)}; accept one of them", known=list(offers))
-    return form
+    chosen = _best(header(request, b"accept")[:1_000], offers)
+    if chosen is None:
+        raise errors.NotAcceptable(f"this route offers {', '.join(offers)}; accept one of them", known=list(offers))
+    return chosen
 
 
 async def read(request: Request) -> bytes:
-    """The whole body; the middleware bounds it. It mostly comes in one piece, and then is not copied."""
+    """Read the whole body, whose length the middleware bounds; a body in one piece is not copied."""
     parts = []
     while True:
         message = await request.receive()
@@ -62,10 +62,10 @@ async def read(request: Request) -> bytes:
 
 
 async def read_model(request: Request, model: type[Model]) -> Model:
-    """The JSON body as a checked model.
+    """Read and validate the JSON body.
 
-    It is read straight from bytes: parsing to Python objects first, as FastAPI does for declared bodies, takes
-    longer, and lets ``NaN`` through.
+    The model is parsed from bytes. Parsing to Python objects first, as FastAPI does for declared bodies, takes longer
+    and accepts ``NaN``.
     """
     media_type(request, JSON)
     try:
@@ -75,7 +75,7 @@ async def read_model(request: Request, model: type[Model]) -> Model:
 
 
 def sliced(parts: Iterable[bytes]) -> StreamingResponse:
-    """A large JSON answer, written slice by slice; between two slices the event loop serves others."""
+    """A large JSON response, sent in slices; other requests run between two slices."""
 
     async def stream() -> AsyncIterator[bytes]:
         for part in parts:

@@ -1,4 +1,4 @@
-"""The OpenAPI document: FastAPI's, with the bodies that handlers read by themselves."""
+"""OpenAPI document: FastAPI's, with the request bodies that handlers validate and the stream messages."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DESCRIPTION = (
     "metres, seconds, radians; quaternions x, y, z, w. Errors are RFC 9457 problems with a stable `code`."
 )
 
-_READ_BY_HANDLERS = (
+_VALIDATED_BY_HANDLERS = (
     request_models.PoseRequest,
     request_models.BatchRequest,
     request_models.SequenceRequest,
@@ -31,7 +31,7 @@ _READ_BY_HANDLERS = (
 
 
 def install(app: FastAPI) -> None:
-    """Make an app answer ``/openapi.json`` with the whole document, made once."""
+    """Serve the complete document at ``/openapi.json``, generated once."""
 
     def whole() -> dict[str, Any]:
         if not app.openapi_schema:
@@ -52,7 +52,7 @@ def _document(app: FastAPI) -> dict[str, Any]:
             known.setdefault(part, schema)
         known[name] = union
     _, definitions = models_json_schema(
-        [(model, "validation") for model in _READ_BY_HANDLERS], ref_template="#/components/schemas/{model}"
+        [(model, "validation") for model in _VALIDATED_BY_HANDLERS], ref_template="#/components/schemas/{model}"
     )
     for name, schema in definitions["$defs"].items():
         known.setdefault(name, schema)
@@ -66,7 +66,7 @@ def _document(app: FastAPI) -> dict[str, Any]:
 
 
 def _correct(operation: dict[str, Any]) -> None:
-    """Mistakes in parameters are problems, not FastAPI's own kind of answer."""
+    """Document invalid parameters as problems instead of FastAPI's error model."""
     responses = operation["responses"]
     default = responses.get("422", {}).get("content", {})
     if "application/json" in default:

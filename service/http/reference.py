@@ -1,4 +1,4 @@
-"""Pages for people, made from the OpenAPI document and the catalog; self-contained, so that they work offline."""
+"""HTML of the reference and of the list of verbs, self-contained so that both work offline."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from service.errors import PROBLEMS
 __all__ = ["CONTENT_POLICY", "DASHBOARD_POLICY", "reference", "welcome"]
 
 CONTENT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-"""These pages load nothing; the browser holds them to it."""
+"""Content security policy of these pages: they load nothing."""
 
 DASHBOARD_POLICY = (
     "default-src 'self'; script-src 'self'; worker-src 'self'; connect-src 'self'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
-"""The dashboard loads its own files, and talks to the server that it comes from; styles are set on elements too."""
+"""Content security policy of the dashboard: its own files, its own server, and inline styles."""
 
 _STYLE = """
 :root{color-scheme:light dark;--line:#8884;--soft:#8882;--key:#2f6fde}
@@ -36,7 +36,7 @@ th,td{text-align:left;vertical-align:top;padding:.35rem .8rem .35rem 0;border-bo
 
 
 def welcome(catalog: Catalog | None) -> str:
-    """What is served, and where to go from here."""
+    """Page that lists the verbs, for a server without the dashboard."""
     if catalog is None:
         return _page("Adverb", "<h1>Adverb</h1><p>Verbs are being loaded; reload in a moment.</p>")
     rows = "".join(
@@ -59,7 +59,7 @@ def welcome(catalog: Catalog | None) -> str:
 
 
 def reference(document: dict[str, Any]) -> str:
-    """All routes with their parameters, bodies and answers, then the schemas, then the problems."""
+    """Page with all routes, their parameters, bodies and responses, then schemas and problems."""
     schemas = document["components"]["schemas"]
     routes = [
         _route(path, method, operation, schemas)
@@ -68,7 +68,7 @@ def reference(document: dict[str, Any]) -> str:
     ]
     return _page(
         "Adverb: reference",
-        f"<p><a href='/'>Adverb</a></p><h1>Reference</h1><p>{_words(document['info']['description'])} "
+        f"<p><a href='/'>Adverb</a></p><h1>Reference</h1><p>{_inline(document['info']['description'])} "
         "Machines read <a href='/openapi.json'>openapi.json</a>.</p>"
         f"<h2>Routes</h2>{''.join(routes)}<h2>Schemas</h2>{''.join(_schema(*item) for item in sorted(schemas.items()))}"
         f"<h2>Problems</h2>{_problems()}",
@@ -83,8 +83,8 @@ def _page(title: str, content: str) -> str:
     )
 
 
-def _words(text: str) -> str:
-    """Text in which `this` is code."""
+def _inline(text: str) -> str:
+    """Text as HTML, with backquotes as code."""
     parts = escape(text).split("`")
     return "".join(f"<code>{part}</code>" if k % 2 else part for k, part in enumerate(parts)).replace("\n\n", "<p>")
 
@@ -94,12 +94,12 @@ def _route(path: str, method: str, operation: dict[str, Any], schemas: dict[str,
         f"<h3 id='{escape(operation['operationId'])}'><span class='method'>{method.upper()}</span> "
         f"<code>{escape(path)}</code> <span class='quiet'>{escape(operation.get('summary', ''))}</span></h3>"
     )
-    parts = [head, f"<p>{_words(operation.get('description', ''))}</p>"]
+    parts = [head, f"<p>{_inline(operation.get('description', ''))}</p>"]
     parameters = operation.get("parameters", [])
     if parameters:
         rows = "".join(
             f"<tr><td>{escape(row['name'])}</td><td>{row['in']}{', required' * row.get('required', 0)}</td>"
-            f"<td>{_type(row['schema'])}</td><td>{_words(row.get('description', ''))}</td></tr>"
+            f"<td>{_type(row['schema'])}</td><td>{_inline(row.get('description', ''))}</td></tr>"
             for row in parameters
         )
         parts.append(f"<table><tr><th>parameter<th>in<th>type<th></tr>{rows}</table>")
@@ -112,13 +112,13 @@ def _route(path: str, method: str, operation: dict[str, Any], schemas: dict[str,
 
 def _contents(label: str, content: dict[str, Any], note: str = "") -> str:
     if not content:
-        return f"<div>{label}: {_words(note)}</div>" if note else ""
+        return f"<div>{label}: {_inline(note)}</div>" if note else ""
     kinds = ", ".join(f"<code>{escape(kind)}</code> {_type(row.get('schema', {}))}" for kind, row in content.items())
-    return f"<div>{label}: {kinds} <span class='quiet'>{_words(note)}</span></div>"
+    return f"<div>{label}: {kinds} <span class='quiet'>{_inline(note)}</span></div>"
 
 
 def _type(schema: dict[str, Any]) -> str:
-    """A schema in a few words, with links to named ones."""
+    """Short HTML of a schema, with links to named schemas."""
     if "$ref" in schema:
         name = escape(schema["$ref"].rsplit("/", 1)[1])
         return f"<a href='#{name}'>{name}</a>"
@@ -144,17 +144,17 @@ def _schema(name: str, schema: dict[str, Any]) -> str:
     required = set(schema.get("required", ()))
     rows = "".join(
         f"<tr><td><code>{escape(key)}</code>{' *' if key in required else ''}</td><td>{_type(row)}</td>"
-        f"<td>{_words(row.get('description', ''))}</td></tr>"
+        f"<td>{_inline(row.get('description', ''))}</td></tr>"
         for key, row in schema.get("properties", {}).items()
     )
     table = f"<table><tr><th>field (* required)<th>type<th></tr>{rows}</table>" if rows else ""
-    return f"<h3 id='{escape(name)}'>{escape(name)}</h3><p>{_words(schema.get('description', ''))}</p>{table}"
+    return f"<h3 id='{escape(name)}'>{escape(name)}</h3><p>{_inline(schema.get('description', ''))}</p>{table}"
 
 
 def _problems() -> str:
     rows = "".join(
         f"<tr id='{row.code}'><td><code>{row.code}</code></td><td>{row.status}</td><td>{escape(row.title)}</td>"
-        f"<td>{_words(row.advice)}</td></tr>"
+        f"<td>{_inline(row.advice)}</td></tr>"
         for row in PROBLEMS.values()
     )
     return f"<table><tr><th>code<th>status<th>title<th>what to do</tr>{rows}</table>"

@@ -1,7 +1,4 @@
-"""What clients send: models by which request bodies are checked.
-
-What they get is in :mod:`service.http.response_models`.
-"""
+"""Models of request bodies. Response bodies are in :mod:`service.http.response_models`."""
 
 from __future__ import annotations
 
@@ -29,45 +26,47 @@ Adverbs = Annotated[
     Field(
         min_length=1,
         max_length=MAX_ADVERBS,
-        description="All adverbs of the verb by name, in their units. Values outside the domain are drawn back to it.",
+        description="All adverbs of the verb by name, in their units. Values outside the domain are moved to its edge.",
         examples=[{"x": -0.3, "y": 1.2, "z": 0.4}],
     ),
 ]
 Phase = Annotated[
     float | None,
-    Field(ge=0, le=1_000, description="Canonical time, 0 to 1; a looping verb's goes on past 1. 0 by default."),
+    Field(
+        ge=0, le=1_000, description="Canonical time, 0 to 1; beyond 1 for further cycles of a looping verb. Default 0."
+    ),
 ]
 Time = Annotated[
     float | None,
-    Field(ge=0, le=3_600, description="Seconds from the start, instead of a phase; the end holds."),
+    Field(ge=0, le=3_600, description="Seconds from the start, instead of a phase; a time past the end is the end."),
 ]
 
 
-class _Asked(BaseModel):
-    """A request body: nothing unknown, nothing converted, nothing that is not finite."""
+class _Body(BaseModel):
+    """A request body without unknown fields, conversions and non-finite numbers."""
 
     model_config = STRICT
 
 
-class Options(_Asked):
-    """What all evaluating routes have in common."""
+class Options(_Body):
+    """Options of all routes that evaluate poses."""
 
     method: Annotated[
         Name | None,
-        Field(description="Blending method, one of the verb's `methods`; by default its `default_method`."),
+        Field(description="Blending method, one of the verb's `methods`. Default: its `default_method`."),
     ] = None
     space: Annotated[
-        Space, Field(description="`global` gives rotations in the verb's space, and the joints' positions.")
+        Space, Field(description="`global` returns rotations in the verb's space, and the joints' positions.")
     ] = "local"
     joints: Annotated[
         list[Name] | None,
-        Field(min_length=1, max_length=MAX_JOINTS, description="Joints to give, in this order; all by default."),
+        Field(min_length=1, max_length=MAX_JOINTS, description="Joints to return, in this order. Default: all."),
     ] = None
     version: Annotated[
         int | None,
-        Field(ge=1, description="The version that must answer; by default the current one."),
+        Field(ge=1, description="The version to evaluate. Default: the current one."),
     ] = None
-    weights: Annotated[bool, Field(description="Whether to give the examples' weights too.")] = False
+    weights: Annotated[bool, Field(description="Whether to return the examples' weights.")] = False
 
 
 class PoseRequest(Options):
@@ -84,9 +83,9 @@ class PoseRequest(Options):
         float | None,
         Field(
             gt=0,
-            description="Largest error that the client can use, metres: rbf, search, corrected and a polish of the "
-            "joints are tried in this order, from `method` on where it is given, until it is met. `tried` in the "
-            "answer says what was done, `met` whether it was enough; the pose is given either way.",
+            description="Largest acceptable error, metres. rbf, search, corrected and a polish of joints are tried in "
+            "this order, from `method` on if given, until the error is met. `tried` lists what was done, and `met` "
+            "whether it was enough; the pose is returned either way.",
         ),
     ] = None
 
@@ -101,7 +100,7 @@ class BatchItem(TypedDict):
 
 
 class BatchRequest(Options):
-    """Many poses of one verb. All items give a phase, or all a time."""
+    """Many poses of one verb. Either all items have a phase, or all have a time."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -119,15 +118,15 @@ class BatchRequest(Options):
     items: Annotated[list[BatchItem], Field(min_length=1, max_length=10_000)]
 
 
-class TrackPoint(_Asked):
-    """Adverbs at an instant."""
+class TrackPoint(_Body):
+    """Adverbs at a time."""
 
     time: Annotated[float, Field(ge=0, le=3_600, description="Seconds from the start.")]
     adverbs: Adverbs
 
 
 class SequenceRequest(Options):
-    """A whole motion: at constant adverbs, or along a track of them."""
+    """A whole motion, with constant adverbs or along a track of them."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"adverbs": {"x": -0.3, "y": 1.2, "z": 0.4}, "fps": 30}]})
 
@@ -137,8 +136,8 @@ class SequenceRequest(Options):
         Field(
             min_length=1,
             max_length=1_000,
-            description="Adverbs over time instead of constant ones: linear between the points, whose times rise, and "
-            "held before and after them.",
+            description="Adverbs over time instead of constant ones: linear between points of rising time, constant "
+            "before and after them.",
         ),
     ] = None
     fps: Annotated[float, Field(ge=1, le=MAX_FPS, description="Frames per second.")] = 30.0
@@ -151,18 +150,24 @@ class SequenceRequest(Options):
         return self
 
 
-class RefinementRequest(_Asked):
-    """What a refinement should come to."""
+class RefinementRequest(_Body):
+    """Options of a refinement."""
 
     target_error: Annotated[
         float,
-        Field(gt=0, le=10, description="Largest error at which to stop, as a share of the goals' diagonal."),
+        Field(
+            gt=0,
+            le=10,
+            description="Largest error at which to stop, as a share of the diagonal of the examples' goals.",
+        ),
     ] = 0.01
     max_pseudo: Annotated[int, Field(ge=0, le=2_000, description="Most pseudo-examples.")] = 300
     budget_s: Annotated[float, Field(gt=0, le=7 * 24 * 3600, description="Most computing time, seconds.")] = 600.0
-    method: Annotated[Literal["refined", "hybrid"], Field(description="Method by which the result is judged.")] = (
+    method: Annotated[Literal["refined", "hybrid"], Field(description="Method by which the result is evaluated.")] = (
         "refined"
     )
-    weighted_by_traffic: Annotated[bool, Field(description="Whether to look first where the verb is asked.")] = False
+    weighted_by_traffic: Annotated[
+        bool, Field(description="Whether to refine first where clients request the verb.")
+    ] = False
     seed: Annotated[int, Field(ge=0, le=10**6)] = 1
-    priority: Annotated[int, Field(ge=1, le=100, description="1 is served first.")] = 50
+    priority: Annotated[int, Field(ge=1, le=100, description="1 is the highest.")] = 50

@@ -1,4 +1,4 @@
-"""Poses → JSON bytes, in slices that hold the event loop up for less than a millisecond each."""
+"""JSON of evaluated poses, in slices that block the event loop for less than a millisecond each."""
 
 from __future__ import annotations
 
@@ -17,33 +17,34 @@ from verbs.runtime.evaluate import Poses
 __all__ = ["Evaluated", "Motion", "poses_json", "sequence_json", "single_json"]
 
 SLICE_FLOATS = 6_000
-"""Numbers per slice: orjson writes about 20 of them in a microsecond."""
+"""Numbers in a slice; orjson writes about 20 numbers per microsecond."""
 
 F32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
-    """Poses as they were asked for.
+    """Evaluated poses, in the space and with the joints of the request.
 
     Parameters
     ----------
     poses : Poses
-    turns : (B, J, 4) float32
-    places : (B, J, 3) float32 or None
+    rotations : (B, J, 4) float32
+    positions : (B, J, 3) float32 or None
+        Joint positions in global space, metres.
     tried : tuple of str
-        Where an error bound was given: what was done to meet it, in order.
+        With an error bound: the methods that were tried, in order.
     """
 
     poses: Poses
-    turns: F32
-    places: F32 | None
+    rotations: F32
+    positions: F32 | None
     tried: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """A sequence as it was asked for.
+    """An evaluated sequence.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ class Motion:
     duration_s : float
     events : list of Event
     tracked : bool
-        Whether adverbs change on the way.
+        Whether the adverbs change over time.
     """
 
     frames: Evaluated
@@ -68,12 +69,12 @@ def _dump(value: Any) -> bytes:
 
 def _fields(entry: Entry, found: Evaluated, index: int, *, weights: bool) -> dict[str, Any]:
     return describe.pose_fields(
-        entry.evaluator, found.poses, index, found.turns, found.places, version=entry.version, weights=weights
+        entry.evaluator, found.poses, index, found.rotations, found.positions, version=entry.version, weights=weights
     )
 
 
 def single_json(entry: Entry, found: Evaluated, *, weights: bool, max_error: float | None) -> bytes:
-    """One pose."""
+    """JSON of one pose."""
     record = _fields(entry, found, 0, weights=weights)
     if max_error is not None:
         error = record["error"]
@@ -83,9 +84,9 @@ def single_json(entry: Entry, found: Evaluated, *, weights: bool, max_error: flo
 
 
 def poses_json(entry: Entry, found: Evaluated, *, weights: bool) -> Iterator[bytes]:
-    """A batch of poses."""
+    """JSON of a batch of poses, in slices."""
     head = {"verb": entry.verb.name, "version": entry.version, "method": found.poses.blend.method}
-    size, step = len(found.turns), _rows_per_slice(found)
+    size, step = len(found.rotations), _rows_per_slice(found)
     before = _dump(head)[:-1] + b',"poses":['
     for start in range(0, size, step):
         rows = [_fields(entry, found, k, weights=weights) for k in range(start, min(start + step, size))]
@@ -95,7 +96,7 @@ def poses_json(entry: Entry, found: Evaluated, *, weights: bool) -> Iterator[byt
 
 
 def sequence_json(entry: Entry, motion: Motion, *, weights: bool) -> Iterator[bytes]:
-    """A whole motion, column by column; the columns that are long come last, in slices."""
+    """JSON of a sequence, column by column; the long columns come last, in slices."""
     poses = motion.frames.poses
     yield _dump(_sequence_head(entry, motion, weights=weights))[:-1]
     columns: list[tuple[str, npt.NDArray[Any]]] = [
@@ -105,9 +106,9 @@ def sequence_json(entry: Entry, motion: Motion, *, weights: bool) -> Iterator[by
     ]
     if poses.root_velocity is not None:
         columns.append(("root_velocity", poses.root_velocity.astype(np.float32)))
-    if motion.frames.places is not None:
-        columns.append(("positions", motion.frames.places))
-    columns.append(("rotations", motion.frames.turns))
+    if motion.frames.positions is not None:
+        columns.append(("positions", motion.frames.positions))
+    columns.append(("rotations", motion.frames.rotations))
     for name, column in columns:
         step = max(1, SLICE_FLOATS // max(1, column[0].size))
         before = f',"{name}":['.encode()
@@ -144,5 +145,5 @@ def _sequence_head(entry: Entry, motion: Motion, *, weights: bool) -> dict[str, 
 
 
 def _rows_per_slice(found: Evaluated) -> int:
-    numbers: int = found.turns.shape[1] * (4 if found.places is None else 7)
-    return max(1, SLICE_FLOATS // (numbers + 100))  # the other fields of a pose weigh as much as 100 numbers
+    numbers: int = found.rotations.shape[1] * (4 if found.positions is None else 7)
+    return max(1, SLICE_FLOATS // (numbers + 100))  # the other fields of a pose take as long as 100 numbers

@@ -1,7 +1,7 @@
-"""What clients get, described. What they send is in :mod:`service.http.request_models`.
+"""Models of response bodies, for the OpenAPI document. Request bodies are in :mod:`service.http.request_models`.
 
-Answers are not made by these models: they are written from arrays by orjson, since validating a pose takes longer than
-blending it.
+Responses are not made with these models: orjson writes them from arrays, since validating a pose takes longer than
+evaluating it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class _Adverb(BaseModel):
     unit: str
     min: float
     max: float
-    style: Annotated[bool, Field(description="True where the motion cannot be measured for it.")]
+    style: Annotated[bool, Field(description="True if the adverb cannot be measured from the motion.")]
     description: str
 
 
@@ -49,7 +49,7 @@ class _Skeleton(BaseModel):
     names: list[str]
     parents: Annotated[list[int], Field(description="Index of each joint's parent; -1 for the root.")]
     offsets: Annotated[list[Vector], Field(description="Position in the parent's frame, metres.")]
-    tips: Annotated[list[_Tip], Field(description="Ends of fingers, toes, crown: they have no rotation.")]
+    tips: Annotated[list[_Tip], Field(description="End points of fingers, toes and head, without rotations.")]
 
 
 class _Example(BaseModel):
@@ -58,7 +58,9 @@ class _Example(BaseModel):
     keytimes: Annotated[list[float], Field(description="Seconds from the first keytime.")]
     point: Annotated[
         Vector | None,
-        Field(description="Where its effector is at the keytime, or (x, rise, z) of a jump, metres; null elsewhere."),
+        Field(
+            description="Effector position at the keytime, or (x, rise, z) of a jump, metres; null for other measures."
+        ),
     ]
 
 
@@ -89,10 +91,12 @@ class _Measure(BaseModel):
     keytime: str | None
     adverbs: Annotated[list[str], Field(description="Adverbs that are measured.")]
     unit: Annotated[str, Field(description="Unit of the error.")]
-    origin: Annotated[Vector | None, Field(description="Of joint_position: where measured adverbs of 0 are, metres.")]
+    origin: Annotated[
+        Vector | None, Field(description="For joint_position: the point whose measured adverbs are 0, metres.")
+    ]
     frame: Annotated[
         list[list[float]] | None,
-        Field(description="Of joint_position: 3 rows; a goal is origin + frame · measured adverbs."),
+        Field(description="For joint_position: 3 rows; a goal is origin + frame · measured adverbs."),
     ]
 
 
@@ -117,7 +121,7 @@ class VerbList(BaseModel):
 
 
 class VerbAnswer(BaseModel):
-    """All that a client needs to know about a verb."""
+    """Description of a verb."""
 
     name: str
     version: int
@@ -126,7 +130,7 @@ class VerbAnswer(BaseModel):
     adverbs: list[_Adverb]
     skeleton: _Skeleton
     examples: list[_Example]
-    pseudo_examples: Annotated[list[_PseudoExample], Field(description="Where refinement put some.")]
+    pseudo_examples: Annotated[list[_PseudoExample], Field(description="Pseudo-examples that a refinement added.")]
     keytime_names: list[str]
     keytime_phases: list[float]
     duration: _Range
@@ -137,36 +141,36 @@ class VerbAnswer(BaseModel):
     methods: list[str]
     default_method: str
     measure: _Measure
-    quality: Annotated[dict[str, Any], Field(description="Figures that were measured when the verb was built.")]
+    quality: Annotated[dict[str, Any], Field(description="Figures measured when the verb was built.")]
 
 
 _Table = list[list[float | None]]
 
 
 class QualityAnswer(BaseModel):
-    """What a method does over a plane of adverbs."""
+    """Error and smoothness of a method over a plane of adverbs."""
 
     verb: str
     version: int
     method: str
     unit: Annotated[str, Field(description="Unit of the error.")]
     across: str
-    up: Annotated[str, Field(description="The same as `across` where the verb has one adverb: one row.")]
-    held: Annotated[dict[str, float], Field(description="The other adverbs.")]
+    up: Annotated[str, Field(description="Equal to `across` if the verb has one adverb; then there is one row.")]
+    held: Annotated[dict[str, float], Field(description="Values of the other adverbs.")]
     columns: Annotated[list[float], Field(description="Values of `across`.")]
     rows: Annotated[list[float], Field(description="Values of `up`.")]
-    error: Annotated[
-        _Table, Field(description="Rows by columns; null outside the domain and where nothing is measured.")
-    ]
+    error: Annotated[_Table, Field(description="Rows by columns; null outside the domain and if nothing is measured.")]
     error_mean: float | None
     error_max: float | None
-    smoothness: Annotated[_Table, Field(description="κ of the weights; null where not all neighbours lie inside.")]
+    smoothness: Annotated[
+        _Table, Field(description="Curvature κ of the weights; null at nodes with a neighbour outside the domain.")
+    ]
     smoothness_mean: float | None
     smoothness_max: float | None
 
 
 class PoseAnswer(BaseModel):
-    """One pose, and how far it is from what was asked."""
+    """One pose and its error."""
 
     verb: str
     version: int
@@ -178,16 +182,20 @@ class PoseAnswer(BaseModel):
     rotations: Annotated[list[Quaternion], Field(description="Unit quaternions x, y, z, w in the order of the joints.")]
     positions: Annotated[list[Vector] | None, Field(description="In global space: joint positions, metres.")] = None
     root_velocity: Annotated[
-        Vector | None, Field(description="Of a striding root: sideways, forward (m/s), turn (rad/s).")
+        Vector | None, Field(description="If the root moves over a cycle: sideways, forward (m/s), turn (rad/s).")
     ] = None
-    measured: Annotated[dict[str, float], Field(description="What the measured adverbs come to.")]
-    error: Annotated[float | None, Field(description="Distance between asked and measured; null where nothing is.")]
-    met: Annotated[bool | None, Field(description="Whether `error` is within `max_error`, where given.")] = None
-    tried: Annotated[
-        list[str] | None, Field(description="What was done to meet `max_error`, in order, where it was given.")
+    measured: Annotated[dict[str, float], Field(description="Values of the measured adverbs.")]
+    error: Annotated[
+        float | None, Field(description="Distance between goal and measured position; null if nothing is measured.")
+    ]
+    met: Annotated[bool | None, Field(description="Whether `error` is at most `max_error`, if given.")] = None
+    tried: Annotated[list[str] | None, Field(description="Methods tried to meet `max_error`, in order, if given.")] = (
+        None
+    )
+    clamped: Annotated[bool, Field(description="Whether the adverbs were moved to the nearest point of the domain.")]
+    weights: Annotated[
+        list[float] | None, Field(description="Weights of the examples, if requested; their sum is 1.")
     ] = None
-    clamped: Annotated[bool, Field(description="Whether the adverbs were drawn back to the domain.")]
-    weights: Annotated[list[float] | None, Field(description="Weights of the examples, where asked for; sum 1.")] = None
 
 
 class PosesAnswer(BaseModel):
@@ -213,15 +221,17 @@ class SequenceAnswer(BaseModel):
     method: str
     fps: float
     frames: int
-    duration: Annotated[float, Field(description="Seconds of the motion, all cycles; of a track: of its frames.")]
-    clamped: Annotated[bool, Field(description="Whether the adverbs of any frame were drawn back to the domain.")]
-    measured: Annotated[dict[str, float] | None, Field(description="What measured adverbs come to; not of a track.")]
-    error: Annotated[float | None, Field(description="Of a track, the largest.")]
-    errors: Annotated[list[float | None] | None, Field(description="Of a track: the error of each frame.")] = None
+    duration: Annotated[float, Field(description="Seconds of the motion, all cycles; with a track, of its frames.")]
+    clamped: Annotated[bool, Field(description="Whether the adverbs of any frame were outside the domain.")]
+    measured: Annotated[
+        dict[str, float] | None, Field(description="Values of the measured adverbs; null with a track.")
+    ]
+    error: Annotated[float | None, Field(description="With a track, the largest error.")]
+    errors: Annotated[list[float | None] | None, Field(description="With a track: the error of each frame.")] = None
     weights: Annotated[
-        list[list[float]] | None, Field(description="Where asked for: one row, or of a track one per frame.")
+        list[list[float]] | None, Field(description="If requested: one row, or with a track one for each frame.")
     ] = None
-    events: Annotated[list[_Event], Field(description="Keytimes that pass, by name.")]
+    events: Annotated[list[_Event], Field(description="Keytimes within the motion, by name.")]
     times: list[float]
     phases: list[float]
     root: list[Vector]
@@ -235,7 +245,7 @@ class VersionAnswer(BaseModel):
 
     verb: str
     version: int
-    current: Annotated[bool, Field(description="Whether it is the one that is served.")]
+    current: Annotated[bool, Field(description="Whether this version is served.")]
     sha256: str
     bytes: int
     author: Annotated[str, Field(description="Client or refinement that published it.")]
@@ -254,9 +264,9 @@ class VersionsAnswer(BaseModel):
 
 
 class UploadAnswer(VersionAnswer):
-    """The version that an upload became."""
+    """The version that an upload created."""
 
-    warnings: Annotated[list[str], Field(description="What its author should know.")]
+    warnings: Annotated[list[str], Field(description="Warnings of the build.")]
 
 
 class RefinementAnswer(BaseModel):
@@ -281,7 +291,7 @@ class RefinementList(BaseModel):
 
 
 class Live(BaseModel):
-    """The process answers."""
+    """Liveness."""
 
     live: bool
 
@@ -292,11 +302,11 @@ class _SkippedFile(BaseModel):
 
 
 class Ready(BaseModel):
-    """Verbs are loaded and kernels warm."""
+    """Readiness: verbs are loaded and kernels compiled."""
 
     ready: bool
-    degraded: Annotated[bool, Field(description="Verbs are served as they were: the store cannot be reached now.")]
-    problem: Annotated[str | None, Field(description="What is wrong, where it is degraded.")]
+    degraded: Annotated[bool, Field(description="The store is unavailable; verbs are served from memory.")]
+    problem: Annotated[str | None, Field(description="Reason, if degraded.")]
     verbs: int
     skipped: Annotated[list[_SkippedFile], Field(description="Files of the data folder that cannot be served.")]
 
@@ -313,7 +323,9 @@ class ProblemAnswer(BaseModel):
     title: str
     status: int
     detail: str
-    code: Annotated[str, Field(description="Stable: programs may compare it.")]
+    code: Annotated[str, Field(description="Stable code for programs.")]
     known: Annotated[list[str] | None, Field(description="Names or media types that exist.")] = None
-    limit: Annotated[int | None, Field(description="What is allowed at most.")] = None
-    errors: Annotated[list[_Mistake] | None, Field(description="Where a body does not fit its schema.")] = None
+    limit: Annotated[int | None, Field(description="The limit that was exceeded.")] = None
+    errors: Annotated[list[_Mistake] | None, Field(description="Places at which a body does not match its schema.")] = (
+        None
+    )

@@ -1,4 +1,4 @@
-"""Is it alive, is it ready, how is it doing."""
+"""Health routes: liveness, readiness, metrics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _TEXT: dict[int | str, dict[str, Any]] = {
 @router.get("/v2/health/live", operation_id="live_kserve", response_model=Live, summary="Alive (KServe v2)")
 @router.get("/livez", operation_id="live", response_model=Live, summary="Alive")
 async def live() -> Response:
-    """Say that the process answers; it may still be loading verbs."""
+    """Return 200 while the process runs; verbs may still be loading."""
     return Response(b'{"live":true}', media_type=JSON)
 
 
@@ -40,9 +40,9 @@ async def live() -> Response:
 )
 @router.get("/readyz", operation_id="ready", response_model=Ready, responses=problems("not_ready"), summary="Ready")
 async def ready(request: Request) -> Response:
-    """Say that verbs are loaded and kernels warm, and which files of the data folder cannot be served.
+    """Return 200 once verbs are loaded and kernels compiled, with the data files that cannot be served.
 
-    While the database is away verbs are served from memory: still ready, `degraded`, and `problem` says why.
+    While the database is unavailable, verbs are served from memory: ready, `degraded`, with the reason as `problem`.
     """
     state = state_of(request)
     catalog, problem = state.current(), state.problem
@@ -58,5 +58,5 @@ async def ready(request: Request) -> Response:
 
 @router.get("/metrics", operation_id="metrics", response_class=Response, responses=_TEXT, summary="Metrics")
 def metrics(request: Request) -> Response:
-    """Give all metrics in Prometheus' text form. A plain function, since writing them takes milliseconds."""
+    """Return all metrics in Prometheus text format. Runs in a thread, since it takes milliseconds."""
     return Response(state_of(request).metrics.text(), headers={"content-type": METRICS_TYPE})

@@ -1,4 +1,4 @@
-"""Pages for people."""
+"""HTML pages: the dashboard and the reference."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from service.http.context import state_of
 __all__ = ["router"]
 
 STATIC = Path(__file__).parents[2] / "static"
-"""Where `make dashboard` puts the dashboard."""
+"""Folder into which `make dashboard` builds the dashboard."""
 
 IMMUTABLE = "public, max-age=31536000, immutable"
-"""The names of built files hold a hash of what is in them."""
+"""Names of built files contain a hash of their content."""
 
 router = APIRouter(include_in_schema=False)
 
@@ -28,7 +28,7 @@ _DASHBOARD = {"Content-Security-Policy": reference.DASHBOARD_POLICY, "Cache-Cont
 
 @router.get("/")
 async def home(request: Request) -> Response:
-    """Give the dashboard, or where it is not built, say what is served."""
+    """Return the dashboard, or a list of verbs if the dashboard is not built."""
     page = STATIC / "index.html"
     if page.is_file():
         return FileResponse(page, headers=_DASHBOARD)
@@ -37,7 +37,7 @@ async def home(request: Request) -> Response:
 
 @router.get("/assets/{path:path}")
 async def asset(request: Request, path: str) -> Response:
-    """Give a file of the dashboard; none but those in its own folder."""
+    """Return a file of the dashboard's own folder."""
     files = StaticFiles(directory=STATIC / "assets", check_dir=False)
     answer = await files.get_response(path, request.scope)
     answer.headers.update({"Cache-Control": IMMUTABLE, **_SNIFF})
@@ -46,5 +46,5 @@ async def asset(request: Request, path: str) -> Response:
 
 @router.get("/docs")
 async def docs(request: Request) -> HTMLResponse:
-    """Give the reference of all routes, made from the OpenAPI document."""
+    """Return the reference of all routes, made from the OpenAPI document."""
     return HTMLResponse(reference.reference(request.app.openapi()), headers=_PAGE)

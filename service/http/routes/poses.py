@@ -1,4 +1,4 @@
-"""Poses: one, many, or a whole motion."""
+"""Pose routes: one pose, many poses, a whole motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from service.fields import Name, Space
 from service.http import evaluation, response_json
 from service.http.context import served, trace_of
 from service.http.direct import Direct
-from service.http.documented import ASKING, VerbName, body, forms, problems
+from service.http.documented import EVALUATING, VerbName, body, forms, problems
 from service.http.negotiation import BVH, JSON, OCTETS, accepted, media_type, read, read_model, sliced
 from service.http.request_models import BatchRequest, PoseRequest, SequenceRequest
 from service.http.response_models import PoseAnswer, PosesAnswer, SequenceAnswer
@@ -23,33 +23,33 @@ from verbs.runtime import sequence as sequences
 __all__ = ["router"]
 
 router = APIRouter(prefix="/v1/verbs/{verb}", tags=["poses"])
-quick = APIRouter(prefix=router.prefix, tags=["poses"], route_class=Direct)
+direct = APIRouter(prefix=router.prefix, tags=["poses"], route_class=Direct)
 
 
-@quick.post(
+@direct.post(
     "/pose",
     operation_id="pose",
     response_model=PoseAnswer,
-    responses={**forms(OCTETS), **problems(*ASKING)},
+    responses={**forms(OCTETS), **problems(*EVALUATING)},
     openapi_extra=body(PoseRequest),
     summary="One pose",
 )
 async def pose(request: Request, verb: VerbName) -> Response:
-    """Blend one pose at adverbs and an instant, and say how far it is from what was asked.
+    """Evaluate one pose at adverbs and a phase or time, with its error.
 
     With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
     `weights`, `measured` and `met` have no place there.
     """
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
-    asked = await read_model(request, PoseRequest)
-    entry = await state.version(entry, asked.version)
-    found = await evaluation.pose(state, entry, asked)
-    state.record_usage(entry, asked.adverbs, found.poses.blend)
+    content = await read_model(request, PoseRequest)
+    entry = await state.version(entry, content.version)
+    found = await evaluation.pose(state, entry, content)
+    state.record_usage(entry, content.adverbs, found.poses.blend)
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
-        return Response(wire.encode_one(found.poses, found.turns, entry.version), media_type=OCTETS)
-    text = response_json.single_json(entry, found, weights=asked.weights, max_error=asked.max_error)
+        return Response(wire.encode_one(found.poses, found.rotations, entry.version), media_type=OCTETS)
+    text = response_json.single_json(entry, found, weights=content.weights, max_error=content.max_error)
     return Response(text, media_type=JSON)
 
 
@@ -57,7 +57,7 @@ async def pose(request: Request, verb: VerbName) -> Response:
     "/poses",
     operation_id="poses",
     response_model=PosesAnswer,
-    responses={**forms(OCTETS), **problems(*ASKING)},
+    responses={**forms(OCTETS), **problems(*EVALUATING)},
     openapi_extra=body(BatchRequest, OCTETS),
     summary="Many poses",
 )
@@ -69,7 +69,7 @@ async def poses(
     joints: Annotated[list[Name] | None, Query(max_length=1_000, description="Joints, of a binary body.")] = None,
     version: Annotated[int | None, Query(ge=1, description="Version, of a binary body.")] = None,
 ) -> Response:
-    """Blend a pose for each character of a crowd, in one call.
+    """Evaluate a pose for each character of a crowd.
 
     A binary body (`Content-Type: application/octet-stream`) is one row of little-endian float32 per pose: the
     adverbs in the verb's order, then the phase; its options stand in the query. A binary answer is one record per
@@ -92,16 +92,16 @@ async def poses(
     return sliced(response_json.poses_json(entry, found, weights=batch.options.weights))
 
 
-@quick.post(
+@direct.post(
     "/sequence",
     operation_id="sequence",
     response_model=SequenceAnswer,
-    responses={**forms(OCTETS, BVH), **problems(*ASKING)},
+    responses={**forms(OCTETS, BVH), **problems(*EVALUATING)},
     openapi_extra=body(SequenceRequest),
     summary="A whole motion",
 )
 async def sequence(request: Request, verb: VerbName) -> Response:
-    """Blend a whole motion at `fps` frames per second, at constant adverbs or along a track of them.
+    """Evaluate a whole motion at `fps` frames per second, at constant adverbs or along a track of them.
 
     Frames stand at 0, 1/fps, … up to the last one that is not past the end. As `application/octet-stream` the answer
     is one binary record per frame, channel 0, the last one flagged; as `text/x-bvh` it is a file in metres and degrees,
@@ -109,13 +109,13 @@ async def sequence(request: Request, verb: VerbName) -> Response:
     """
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS, BVH)
-    asked = await read_model(request, SequenceRequest)
-    entry = await state.version(entry, asked.version)
-    if form == BVH and (asked.joints is not None or asked.space != "local"):
+    content = await read_model(request, SequenceRequest)
+    entry = await state.version(entry, content.version)
+    if form == BVH and (content.joints is not None or content.space != "local"):
         raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
-    motion = await evaluation.sequence(state, entry, asked)
-    track = [point.adverbs for point in asked.track or ()]
-    state.record_usage(entry, asked.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
+    motion = await evaluation.sequence(state, entry, content)
+    track = [point.adverbs for point in content.track or ()]
+    state.record_usage(entry, content.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
     trace_of(request).method = motion.frames.poses.blend.method
     if form == OCTETS:
         return Response(await evaluation.records(state, entry, motion.frames, crowd=False), media_type=OCTETS)
@@ -124,7 +124,7 @@ async def sequence(request: Request, verb: VerbName) -> Response:
         text = await state.pool.run(25.0 * len(whole), lambda: bvh.dump(whole))
         name = f'attachment; filename="{entry.verb.name}.bvh"'
         return Response(text, headers={"content-type": f"{BVH}; charset=utf-8", "content-disposition": name})
-    return sliced(response_json.sequence_json(entry, motion, weights=asked.weights))
+    return sliced(response_json.sequence_json(entry, motion, weights=content.weights))
 
 
-router.routes[:0] = quick.routes
+router.routes[:0] = direct.routes

@@ -1,4 +1,4 @@
-"""How good a verb is, and where."""
+"""Quality route: maps of error and smoothness."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from starlette.responses import Response
 
 from service.fields import Name
 from service.http.context import served, trace_of
-from service.http.documented import LOOKING, VerbName, problems
+from service.http.documented import READING, VerbName, problems
 from service.http.negotiation import JSON
 from service.http.response_models import QualityAnswer
 from verbs.conventions import F64
@@ -25,7 +25,7 @@ __all__ = ["router"]
 router = APIRouter(prefix="/v1/verbs", tags=["verbs"])
 
 NODE_US = 40.0
-"""What a node takes, roughly; by inverse blending it is ten times as much, and every map is made in a thread."""
+"""Estimated time per node; ten times as much by inverse blending. Maps are computed in a thread."""
 
 _AT = Query(max_length=2_000, description="Adverbs that are held, `name=value,…`; the others are at mid-range.")
 
@@ -34,7 +34,7 @@ _AT = Query(max_length=2_000, description="Adverbs that are held, `name=value,�
     "/{verb}/quality",
     operation_id="quality",
     response_model=QualityAnswer,
-    responses=problems(*LOOKING, "unknown_version", "invalid_request", "overloaded"),
+    responses=problems(*READING, "unknown_version", "invalid_request", "overloaded"),
     summary="Maps of error and smoothness",
 )
 async def quality(
@@ -47,7 +47,7 @@ async def quality(
     nodes: Annotated[int, Query(ge=3, le=quality_map.MOST_NODES, description="Nodes to a side.")] = 41,
     version: Annotated[int | None, Query(ge=1, description="A version; the current one by default.")] = None,
 ) -> Response:
-    """Measure a method over a plane of adverbs: the error, and how much its weights bend (κ).
+    """Map the error of a method and the curvature κ of its weights over a plane of adverbs.
 
     Nodes outside the domain are null. κ scales with the square of the spacing: compare maps of one grid only.
     """
@@ -75,7 +75,7 @@ async def quality(
 
 
 def _held(text: str) -> dict[str, float]:
-    """Adverbs of ``name=value,…``; raises :class:`RequestError` where the text is no such list."""
+    """Adverbs of ``name=value,…``; raises :class:`RequestError` for any other text."""
     held = {}
     for part in filter(None, text.split(",")):
         name, _, value = part.partition("=")
@@ -91,6 +91,6 @@ def _table(values: F64) -> list[list[float | None]]:
 
 
 def _of(values: F64, figure: object) -> float | None:
-    """A figure of the values that are finite; None where none is."""
+    """A statistic of the finite values; None if there are none."""
     found = values[np.isfinite(values)]
     return float(figure(found)) if len(found) else None  # type: ignore[operator]

@@ -1,4 +1,4 @@
-"""Refinements: start, list, follow, cancel."""
+"""Refinement routes: start, list, show, follow, cancel."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["router"]
 router = APIRouter(prefix="/v1", tags=["refinements"])
 
 FOLLOW_S = 0.5
-"""Time between two looks at a job that somebody follows."""
+"""Polling interval of a job that a client follows."""
 
 ENDED = {"published", "not_better", "failed", "cancelled", "given_up"}
 
@@ -47,14 +47,17 @@ ENDED = {"published", "not_better", "failed", "cancelled", "given_up"}
     summary="Refine a verb",
 )  # fmt: skip
 async def start(request: Request, verb: VerbName) -> Response:
-    """Have a worker insert pseudo-examples where the verb is worst; the result is published if it is better."""
+    """Queue a refinement: a worker adds pseudo-examples where the error is largest, and publishes a better result.
+
+    The new version becomes current only if the version that the refinement started from still is.
+    """
     state = state_of(request)
     refinements = _refinements(state)
     entry = state.current().entry(verb)
-    asked = await read_model(request, RefinementRequest)
-    wanted = RefinementSpec.from_json(asked.model_dump())
+    content = await read_model(request, RefinementRequest)
+    spec = RefinementSpec.from_json(content.model_dump())
     try:
-        job = await run_in_thread(lambda: refinements.start(verb, entry.version, wanted, "a client"))
+        job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, "a client"))
     except AlreadyRunning as err:
         raise AlreadyRefining(str(err), refinement=err.job) from err
     return Response(orjson.dumps(_told(job)), 202, {"Location": f"/v1/refinements/{job.id}"}, JSON)
@@ -72,7 +75,7 @@ async def refinements(
     verb: Annotated[str | None, Query(max_length=64, description="Only those of this verb.")] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> Response:
-    """Tell which refinements there were, the newest first."""
+    """List refinements, the newest first."""
     known = _refinements(state_of(request))
     rows = await run_in_thread(lambda: known.jobs(verb=verb, limit=limit))
     return Response(orjson.dumps({"refinements": [_told(job) for job in rows]}), media_type=JSON)
@@ -86,7 +89,7 @@ async def refinements(
     summary="Show a refinement",
 )
 async def refinement(request: Request, id: str) -> Response:
-    """Tell how far a refinement is: state, pseudo-examples, and the error with each of them so far."""
+    """Show a refinement: its state, pseudo-examples, and the error after each of them."""
     known = _refinements(state_of(request))
     return Response(orjson.dumps(_told(await run_in_thread(lambda: known.job(id)))), media_type=JSON)
 
@@ -99,7 +102,7 @@ async def refinement(request: Request, id: str) -> Response:
     summary="Cancel a refinement",
 )
 async def cancel(request: Request, id: str) -> Response:
-    """Stop a refinement after its current step; nothing is published. One that has ended stays as it is."""
+    """Stop a refinement after its current step without publishing. One that has ended is returned unchanged."""
     known = _refinements(state_of(request))
     return Response(orjson.dumps(_told(await run_in_thread(lambda: known.cancel(id)))), media_type=JSON)
 
@@ -115,7 +118,7 @@ async def cancel(request: Request, id: str) -> Response:
     summary="Follow a refinement",
 )
 async def follow(request: Request, id: str) -> Response:
-    """Send an event with the refinement, as `GET` gives it, whenever it changes; the last one when it has ended."""
+    """Send an event with the refinement whenever it changes; the last event when it has ended."""
     known = _refinements(state_of(request))
     first = await run_in_thread(lambda: known.job(id))
     headers = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}

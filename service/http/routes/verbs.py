@@ -1,4 +1,4 @@
-"""Which verbs there are."""
+"""Verb routes: list and describe."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request
 from starlette.responses import Response
 
 from service.http.context import served, state_of
-from service.http.documented import LOOKING, VerbName, problems
+from service.http.documented import READING, VerbName, problems
 from service.http.negotiation import JSON, header
 from service.http.response_models import VerbAnswer, VerbList
 from verbs.runtime import describe
@@ -21,7 +21,7 @@ router = APIRouter(prefix="/v1/verbs", tags=["verbs"])
     "", operation_id="list_verbs", response_model=VerbList, responses=problems("not_ready"), summary="List the verbs"
 )
 async def verbs(request: Request) -> Response:
-    """Name the verbs that are served, with their versions and adverbs."""
+    """List the verbs that are served, with their versions and adverbs."""
     entries = state_of(request).current().entries.values()
     rows = [describe.summary(entry.verb, version=entry.version) for entry in entries]
     return Response(orjson.dumps({"verbs": rows}), media_type=JSON)
@@ -31,11 +31,11 @@ async def verbs(request: Request) -> Response:
     "/{verb}",
     operation_id="describe_verb",
     response_model=VerbAnswer,
-    responses={**problems(*LOOKING), 304: {"description": "Not modified"}},
+    responses={**problems(*READING), 304: {"description": "Not modified"}},
     summary="Describe a verb",
 )
 async def verb(request: Request, verb: VerbName) -> Response:
-    """Tell all about one verb: adverbs and their ranges, skeleton, examples, domain, methods, measured quality.
+    """Describe one verb: adverbs and their ranges, skeleton, examples, domain, methods, measured quality.
 
     The answer carries an `ETag`; send it back as `If-None-Match` to be told in a few bytes that nothing changed.
     """

@@ -1,4 +1,4 @@
-"""Versions: upload, list, activate, delete."""
+"""Version routes: upload, list, download, activate, delete."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ async def upload(request: Request) -> Response:
     summary="Delete a verb",
 )
 async def delete(request: Request, verb: VerbName) -> Response:
-    """Stop serving a verb. Its versions stay for a while: activating one brings it back."""
+    """Stop serving a verb. Its versions are kept for a while; activating one serves it again."""
     state = state_of(request)
     sync, expected = _store_sync(state), _expected(request)
     await run_in_thread(lambda: sync.store.delete(verb, author=WHO, reason="delete", expected=expected))
@@ -102,7 +102,7 @@ async def delete(request: Request, verb: VerbName) -> Response:
     summary="List the versions of a verb",
 )
 async def versions(request: Request, verb: VerbName) -> Response:
-    """Tell which versions there are, who made them and why, how good they are, and which one is served."""
+    """List versions with author, reason and quality, and the one that is served."""
     store = _store_sync(state_of(request)).store
     rows, pointers = await run_in_thread(lambda: (store.versions(verb), store.current()))
     current = pointers[verb].number if verb in pointers else None
@@ -123,7 +123,7 @@ async def versions(request: Request, verb: VerbName) -> Response:
     summary="Serve another version",
 )
 async def activate(request: Request, verb: VerbName, number: Number) -> Response:
-    """Roll a verb back or forward. Streams pass to it between two frames."""
+    """Roll a verb back or forward. Streams change to the version between two frames."""
     state = state_of(request)
     sync, expected = _store_sync(state), _expected(request)
     version = await run_in_thread(
@@ -141,7 +141,7 @@ async def activate(request: Request, verb: VerbName, number: Number) -> Response
     summary="Download a version",
 )
 async def download(request: Request, verb: VerbName, number: Number) -> Response:
-    """Give a version's artifact."""
+    """Return the artifact of a version."""
     from starlette.responses import FileResponse
 
     store = _store_sync(state_of(request)).store
@@ -157,7 +157,7 @@ def _store_sync(state: ServerState) -> StoreSync:
 
 
 def _expected(request: Request) -> int | None:
-    """The version number that ``If-Match`` names; None where it names none, or any."""
+    """Version number of ``If-Match``; None if it is absent or ``*``."""
     given = header(request, b"if-match").decode("latin-1").strip()
     if given in ("", "*"):
         return None
@@ -169,7 +169,7 @@ def _expected(request: Request) -> int | None:
 
 @asynccontextmanager
 async def _received(request: Request, state: ServerState) -> AsyncIterator[tuple[Path, Path]]:
-    """A file with the request's body, and a name for the verb that it becomes; both are gone afterwards."""
+    """Files for the request's body and for the verb built from it; both are removed afterwards."""
     folder = state.uploads
     name = secrets.token_hex(8)
     content, result = folder / f"{name}.upload", folder / f"{name}.verb"

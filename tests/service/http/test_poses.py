@@ -196,4 +196,4 @@ async def test_walking_too_many_cycles_in_one_call_is_refused(client):
     items = [{"adverbs": SWAY, "phase": 900.0}] * 30
     answer = await client.post("/v1/verbs/sway/poses", json={"items": items})
     assert answer.status_code == 422
-    assert f"{evaluation.MAX_WALKED_CYCLES:.0f} are allowed" in answer.json()["detail"]
+    assert f"{evaluation.MAX_CYCLES:.0f} are allowed" in answer.json()["detail"]

@@ -36,7 +36,7 @@ def create_app(
         del app
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(state.run)
-            tasks.start_soon(state.measure_lateness)
+            tasks.start_soon(state.metrics.measure_lateness)
             tasks.start_soon(state.hub.run)
             yield
             tasks.cancel_scope.cancel()

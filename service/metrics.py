@@ -16,6 +16,7 @@ from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+import anyio
 import numpy as np
 import prometheus_client
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
@@ -29,6 +30,9 @@ from verbs.runtime.evaluate import Blend
 __all__ = ["NONE", "UNMATCHED", "Metrics"]
 
 NONE, UNMATCHED = "none", "unmatched"
+
+LATENESS_INTERVAL_S = 0.25
+"""Interval of event loop timers whose delay is measured, seconds."""
 
 _SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.1, 0.5, 2.5)
 _METERS = (1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.03, 0.1, 0.3, 1.0)
@@ -212,9 +216,12 @@ class Metrics:
         """Set the number of ended refinements by verb and outcome, and the progress of running ones by verb."""
         self._refinements.ended, self._refinements.running = ended, running
 
-    def observe_lateness(self, seconds: float) -> None:
-        """Observe the delay of an event loop timer."""
-        self._lateness.observe(seconds)
+    async def measure_lateness(self) -> None:
+        """Observe the delay of event loop timers, until cancelled."""
+        while True:
+            due = anyio.current_time() + LATENESS_INTERVAL_S
+            await anyio.sleep_until(due)
+            self._lateness.observe(max(0.0, anyio.current_time() - due))
 
 
 class _Refinements(Collector):

@@ -1,16 +1,18 @@
-"""The served side of the store: files go in at the start, pointers are watched, a new catalog comes out.
+"""Keeps the served catalog in step with the store: publishes files at the start, follows changes, makes changes.
 
-All of it runs in threads: databases and disks take their time.
+Methods without ``async`` block; the others run them in threads, as databases and disks take their time.
 """
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import structlog
 
@@ -21,12 +23,16 @@ from service.store.store import Store
 from verbs.errors import VerbError
 from verbs.io import artifact
 
-__all__ = ["StoreSync"]
+__all__ = ["StoreSync", "load_with_retry"]
 
 FILES = "a file"
-"""Who published what was found as a file."""
+"""Author of versions that are published from files."""
 
 ATTEMPTS = 5
+"""Attempts to publish a file while other servers publish the same verb."""
+
+RETRY_S = (0.5, 10.0)
+"""First and longest pause between attempts to reach the store at the start, seconds."""
 
 log = structlog.get_logger("adverb.catalog")
 
@@ -38,61 +44,110 @@ class StoreSync:
     ----------
     store : Store
     data : Path
-        Folder whose ``*.verb`` files are published at the start, where the store has never seen them.
+        Folder whose ``*.verb`` files are published at the start, unless the store has had them before.
+    current : callable
+        Returns the served catalog.
+    set_catalog : callable
+        Called on the event loop with a new catalog.
     """
 
-    def __init__(self, store: Store, data: Path) -> None:
+    def __init__(
+        self, store: Store, data: Path, *, current: Callable[[], Catalog], set_catalog: Callable[[Catalog], None]
+    ) -> None:
         self.store, self._data = store, data
-        self._wrong: dict[str, Skipped] = {}
+        self._current, self._set_catalog = current, set_catalog
+        self._skipped: dict[str, Skipped] = {}
 
     def load(self) -> Catalog:
-        """Publish files that are new, then load what the store points to; raises StoreUnavailable."""
-        self._wrong = {}
+        """Publish new files, then load the current versions; raises :class:`StoreUnavailable`."""
+        self._skipped = {}
         for path in files_of(self._data):
             try:
-                self._publish(path)
+                self._publish_file(path)
             except StoreUnavailable:
                 raise
             except (VerbError, StoreError, OSError) as err:
-                self._wrong[path.name] = skipped(path, err)
-        return self.refresh(Catalog())
+                self._skipped[path.name] = skipped(path, err)
+        return self.read(Catalog())
 
-    def refresh(self, catalog: Catalog) -> Catalog:
-        """A catalog of what the store points to now; the same one where nothing changed. Raises StoreUnavailable."""
+    def read(self, catalog: Catalog) -> Catalog:
+        """A catalog of the store's current versions; the given one if nothing changed.
+
+        Raises :class:`StoreUnavailable`.
+        """
         entries = dict(catalog.entries)
-        pointers = self.store.current()
-        for name in [name for name in entries if name not in pointers]:
+        versions = self.store.current()
+        for name in [name for name in entries if name not in versions]:
             del entries[name]
-        for name, version in pointers.items():
+        for name, version in versions.items():
             known = entries.get(name)
             if known is None or known.version != version.number:
                 self._update(entries, name, version)
-        wrong = tuple(self._wrong.values())
-        if entries == catalog.entries and wrong == catalog.skipped:
+        not_served = tuple(self._skipped.values())
+        if entries == catalog.entries and not_served == catalog.skipped:
             return catalog
-        return Catalog(MappingProxyType(dict(sorted(entries.items()))), wrong)
+        return Catalog(MappingProxyType(dict(sorted(entries.items()))), not_served)
+
+    async def refresh(self) -> None:
+        """Serve the store's current versions now, without waiting for a notice; raises :class:`StoreError`."""
+        before = self._current()
+        catalog = await run_in_thread(partial(self.read, before))
+        if catalog is not before:
+            self._set_catalog(catalog)
+
+    async def follow(self) -> None:
+        """Serve the store's current versions whenever they change, until cancelled."""
+        unavailable = False
+        async for _ in self.store.changes():
+            try:
+                await self.refresh()
+            except StoreError as err:
+                if not unavailable:
+                    log.warning("store unavailable; loaded verbs are still served", problem=str(err))
+                unavailable = True
+                continue
+            if unavailable:
+                log.info("store available again")
+            unavailable = False
+
+    async def publish(self, verb: str, path: Path, **options: Any) -> Version:
+        """Publish an artifact and serve it; options and errors are those of :meth:`Store.publish`."""
+        version = await run_in_thread(partial(self.store.publish, verb, path, **options))
+        await self.refresh()
+        return version
+
+    async def activate(self, verb: str, number: int, **options: Any) -> Version:
+        """Make a version current and serve it; options and errors are those of :meth:`Store.activate`."""
+        version = await run_in_thread(partial(self.store.activate, verb, number, **options))
+        await self.refresh()
+        return version
+
+    async def delete(self, verb: str, **options: Any) -> None:
+        """Stop serving a verb; options and errors are those of :meth:`Store.delete`."""
+        await run_in_thread(partial(self.store.delete, verb, **options))
+        await self.refresh()
 
     def _update(self, entries: dict[str, Entry], name: str, version: Version) -> None:
-        """Load one version; where it cannot be loaded, what was served goes on being served."""
+        """Load one version; if it cannot be loaded, the earlier one stays served."""
         try:
             path = self.store.path(version)
             entries[name] = Entry.of_verb(artifact.load(path), path=path, version=version.number)
-            self._wrong.pop(_label(version), None)
+            self._skipped.pop(_label(version), None)
         except (VerbError, StoreError, OSError) as err:
             if isinstance(err, StoreUnavailable) and name not in entries:
-                raise  # there is nothing to go on with
-            self._wrong[_label(version)] = skipped(Path(_label(version)), err)
+                raise  # there is no earlier version to serve
+            self._skipped[_label(version)] = skipped(Path(_label(version)), err)
 
-    def _publish(self, path: Path) -> None:
-        """Publish a file that the store has never had; one that it had, and that was replaced since, stays replaced."""
+    def _publish_file(self, path: Path) -> None:
+        """Publish a file unless the store has had it before; a version that replaced it stays current."""
         verb = artifact.load(path)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        quality = _figures(verb.quality)
+        quality = dict(verb.quality)
         for _ in range(ATTEMPTS):
             current = self.store.current().get(verb.name)
             if digest in self._digests(verb.name):
                 return
-            with suppress(Conflict):  # another server published meanwhile; look again
+            with suppress(Conflict):  # another server has published meanwhile
                 expected = current.number if current else 0
                 self.store.publish(verb.name, path, author=FILES, reason=path.name, quality=quality, expected=expected)
                 log.info("file published", verb=verb.name, file=path.name)
@@ -104,28 +159,26 @@ class StoreSync:
         except UnknownVerb:
             return set()
 
-    async def follow(self, current: Callable[[], Catalog], set_catalog: Callable[[Catalog], None]) -> None:
-        """Offer a new catalog, for ever, whenever pointers change."""
-        away = False
-        async for _ in self.store.changes():
-            was = current()
-            try:
-                now = await run_in_thread(partial(self.refresh, was))
-            except StoreError as err:
-                if not away:
-                    log.warning("store unavailable; verbs are served as they were", problem=str(err))
-                away = True
-                continue
-            if away:
-                log.info("store is back")
-            away = False
-            if now is not was:
-                set_catalog(now)
+
+async def load_with_retry(load: Callable[[], Catalog], on_failure: Callable[[StoreUnavailable], None]) -> Catalog:
+    """Load a catalog in a thread; retry with growing pauses while the store is unavailable.
+
+    Parameters
+    ----------
+    load : callable
+    on_failure : callable
+        Called with the error of each failed attempt.
+    """
+    pause_s, longest_s = RETRY_S
+    while True:
+        try:
+            return await run_in_thread(load)
+        except StoreUnavailable as err:
+            log.warning("store unavailable; retrying", problem=str(err), pause_s=pause_s)
+            on_failure(err)
+        await asyncio.sleep(pause_s)
+        pause_s = min(2 * pause_s, longest_s)
 
 
 def _label(version: Version) -> str:
     return f"{version.verb} version {version.number}"
-
-
-def _figures(quality: Mapping[str, object]) -> dict[str, object]:
-    return dict(quality)

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import secrets
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Request
-from fastapi import Path as InPath
-from starlette.requests import ClientDisconnect
+from fastapi import APIRouter, Path, Request
 from starlette.responses import Response
 
 from service.catalog.store_sync import StoreSync
@@ -23,12 +17,14 @@ from service.http.negotiation import JSON, OCTETS, header, media_type
 from service.http.response_models import UploadAnswer, VersionAnswer, VersionsAnswer
 from service.state import ServerState
 from service.store.store import Version
+from service.upload.uploads import Uploads
 from verbs.errors import RequestError
 
 __all__ = ["router"]
 
 ZIP = "application/zip"
-WHO = "a client"
+AUTHOR = "a client"
+READ_ONLY = "this server is read-only; start it with a data folder (--data)"
 
 router = APIRouter(prefix="/v1/verbs", tags=["versions"])
 
@@ -39,7 +35,7 @@ _BODY = {
         "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in (OCTETS, ZIP)},
     }
 }
-Number = Annotated[int, InPath(ge=1, le=2**31 - 1, description="Number of a version.")]
+Number = Annotated[int, Path(ge=1, le=2**31 - 1, description="Number of a version.")]
 
 
 @router.post(
@@ -59,21 +55,10 @@ async def upload(request: Request) -> Response:
     A source is built first. The verb's name is the one inside. With `If-Match: "3"` it becomes the next version only
     if version 3 is current.
     """
-    state = state_of(request)
-    sync = _store_sync(state)
+    uploads = _uploads(request)
     media_type(request, OCTETS, ZIP)
-    expected = _expected(request)
-    async with _received(request, state) as (content, result):
-        made = await state.builder.make(content, result)
-
-        def publish() -> Version:
-            return sync.store.publish(
-                *(made.verb, result), author=WHO, reason="upload", quality=made.quality, expected=expected
-            )
-
-        version = await run_in_thread(publish)
-    await state.refresh()
-    answer = {**_told(version, version.number), "warnings": made.warnings}
+    version, warnings = await uploads.publish(request.stream(), author=AUTHOR, expected=_expected(request))
+    answer = {**_to_json(version, version.number), "warnings": warnings}
     headers = {"ETag": f'"{version.number}"', "Location": f"/v1/verbs/{version.verb}"}
     return Response(orjson.dumps(answer), 201, headers, JSON)
 
@@ -87,10 +72,7 @@ async def upload(request: Request) -> Response:
 )
 async def delete(request: Request, verb: VerbName) -> Response:
     """Stop serving a verb. Its versions are kept for a while; activating one serves it again."""
-    state = state_of(request)
-    sync, expected = _store_sync(state), _expected(request)
-    await run_in_thread(lambda: sync.store.delete(verb, author=WHO, reason="delete", expected=expected))
-    await state.refresh()
+    await _store_sync(request).delete(verb, author=AUTHOR, reason="delete", expected=_expected(request))
     return Response(status_code=204)
 
 
@@ -102,14 +84,14 @@ async def delete(request: Request, verb: VerbName) -> Response:
     summary="List the versions of a verb",
 )
 async def versions(request: Request, verb: VerbName) -> Response:
-    """List versions with author, reason and quality, and the one that is served."""
-    store = _store_sync(state_of(request)).store
+    """List the versions with their authors, reasons and quality, and the current one."""
+    store = _store_sync(request).store
     rows, pointers = await run_in_thread(lambda: (store.versions(verb), store.current()))
     current = pointers[verb].number if verb in pointers else None
     answer = {
         "verb": verb,
         "current": current,
-        "versions": [_told(row, current) for row in sorted(rows, key=lambda row: -row.number)],
+        "versions": [_to_json(row, current) for row in sorted(rows, key=lambda row: -row.number)],
     }
     headers = {} if current is None else {"ETag": f'"{current}"'}
     return Response(orjson.dumps(answer), 200, headers, JSON)
@@ -124,13 +106,9 @@ async def versions(request: Request, verb: VerbName) -> Response:
 )
 async def activate(request: Request, verb: VerbName, number: Number) -> Response:
     """Roll a verb back or forward. Streams change to the version between two frames."""
-    state = state_of(request)
-    sync, expected = _store_sync(state), _expected(request)
-    version = await run_in_thread(
-        lambda: sync.store.activate(verb, number, author=WHO, reason="activate", expected=expected)
-    )
-    await state.refresh()
-    return Response(orjson.dumps(_told(version, version.number)), 200, {"ETag": f'"{version.number}"'}, JSON)
+    sync, expected = _store_sync(request), _expected(request)
+    version = await sync.activate(verb, number, author=AUTHOR, reason="activate", expected=expected)
+    return Response(orjson.dumps(_to_json(version, version.number)), 200, {"ETag": f'"{version.number}"'}, JSON)
 
 
 @router.get(
@@ -144,16 +122,30 @@ async def download(request: Request, verb: VerbName, number: Number) -> Response
     """Return the artifact of a version."""
     from starlette.responses import FileResponse
 
-    store = _store_sync(state_of(request)).store
+    store = _store_sync(request).store
     path = await run_in_thread(lambda: store.path(store.version(verb, number)))
     return FileResponse(path, media_type=OCTETS, filename=f"{verb}.verb")
 
 
-def _store_sync(state: ServerState) -> StoreSync:
-    state.current()  # not before everything is loaded
-    if state.store_sync is None:
-        raise ReadOnly("this server was started without a data folder, and keeps nothing; start it with --data")
-    return state.store_sync
+def _store_sync(request: Request) -> StoreSync:
+    sync = _loaded(request).store_sync
+    if sync is None:
+        raise ReadOnly(READ_ONLY)
+    return sync
+
+
+def _uploads(request: Request) -> Uploads:
+    uploads = _loaded(request).uploads
+    if uploads is None:
+        raise ReadOnly(READ_ONLY)
+    return uploads
+
+
+def _loaded(request: Request) -> ServerState:
+    """State of the server; raises :class:`service.errors.NotReady` until verbs are loaded."""
+    state = state_of(request)
+    state.current()
+    return state
 
 
 def _expected(request: Request) -> int | None:
@@ -167,28 +159,7 @@ def _expected(request: Request) -> int | None:
     return int(number)
 
 
-@asynccontextmanager
-async def _received(request: Request, state: ServerState) -> AsyncIterator[tuple[Path, Path]]:
-    """Files for the request's body and for the verb built from it; both are removed afterwards."""
-    folder = state.uploads
-    name = secrets.token_hex(8)
-    content, result = folder / f"{name}.upload", folder / f"{name}.verb"
-    try:
-        with content.open("xb") as file:
-            while True:
-                message: Any = await request.receive()
-                if message["type"] == "http.disconnect":
-                    raise ClientDisconnect
-                file.write(message.get("body", b""))
-                if not message.get("more_body", False):
-                    break
-        yield content, result
-    finally:
-        content.unlink(missing_ok=True)
-        result.unlink(missing_ok=True)
-
-
-def _told(version: Version, current: int | None) -> dict[str, Any]:
+def _to_json(version: Version, current: int | None) -> dict[str, Any]:
     return {
         "verb": version.verb,
         "version": version.number,

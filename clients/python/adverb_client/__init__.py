@@ -5,19 +5,7 @@ send them as time goes by. Right-handed, +Y up, +Z forward; metres, seconds, rad
 """
 
 from adverb_client import errors
-from adverb_client.answers import (
-    Adverb,
-    Event,
-    Example,
-    Health,
-    Pose,
-    Poses,
-    Sequence,
-    Skipped,
-    Verb,
-    VerbSummary,
-)
-from adverb_client.asking import Options
+from adverb_client.api import Options
 from adverb_client.async_client import AsyncClient
 from adverb_client.backoff import Backoff
 from adverb_client.channel import Channel, OpenOptions
@@ -37,6 +25,18 @@ from adverb_client.messages import (
     Passed,
     Published,
     Rejected,
+)
+from adverb_client.models import (
+    Adverb,
+    Event,
+    Example,
+    Health,
+    Pose,
+    Poses,
+    Sequence,
+    Skipped,
+    Verb,
+    VerbSummary,
 )
 from adverb_client.session import Stats
 from adverb_client.skeleton import Skeleton

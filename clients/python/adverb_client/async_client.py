@@ -10,8 +10,8 @@ from typing import Self, TypeVar, Unpack
 
 import httpx
 
-from adverb_client import answers
-from adverb_client.asking import Adverbs, Answer, Call, Crowd, Numbers, Options, Question, Track
+from adverb_client import models
+from adverb_client.api import Adverbs, Answer, Call, Crowd, Numbers, Options, Question, Track
 from adverb_client.errors import TimedOut, TransportError, Unavailable
 from adverb_client.transport import POLL_S, Shared, answer_of, failed, headers_of, request_of
 
@@ -82,11 +82,11 @@ class AsyncClient(Shared):
         except (httpx.HTTPError, httpx.InvalidURL) as err:
             raise failed(err, self._http.base_url) from err
 
-    async def health(self) -> answers.Health:
+    async def health(self) -> models.Health:
         """As :meth:`~adverb_client.Client.health`."""
         return await self._run(self._asking.health())
 
-    async def wait_ready(self, timeout_s: float = 120.0) -> answers.Health:
+    async def wait_ready(self, timeout_s: float = 120.0) -> models.Health:
         """As :meth:`~adverb_client.Client.wait_ready`."""
         end = time.monotonic() + timeout_s
         while True:
@@ -97,11 +97,11 @@ class AsyncClient(Shared):
                     raise TimedOut(f"not ready within {timeout_s:g} s: {err}") from err
             await self._sleep(POLL_S)
 
-    async def verbs(self) -> tuple[answers.VerbSummary, ...]:
+    async def verbs(self) -> tuple[models.VerbSummary, ...]:
         """As :meth:`~adverb_client.Client.verbs`."""
         return await self._run(self._asking.verbs())
 
-    async def verb(self, name: str) -> answers.Verb:
+    async def verb(self, name: str) -> models.Verb:
         """As :meth:`~adverb_client.Client.verb`."""
         return await self._run(self._asking.verb(name))
 
@@ -114,7 +114,7 @@ class AsyncClient(Shared):
         time_s: float | None = None,
         max_error: float | None = None,
         **options: Unpack[Options],
-    ) -> answers.Pose:
+    ) -> models.Pose:
         """As :meth:`~adverb_client.Client.pose`."""
         return await self._run(self._asking.pose(verb, adverbs, phase, time_s, max_error, options))
 
@@ -126,7 +126,7 @@ class AsyncClient(Shared):
         phases: Numbers | float | None = None,
         times_s: Numbers | float | None = None,
         **options: Unpack[Options],
-    ) -> answers.Poses:
+    ) -> models.Poses:
         """As :meth:`~adverb_client.Client.poses`."""
         return await self._run(self._asking.poses(verb, adverbs, phases, times_s, options))
 
@@ -139,7 +139,7 @@ class AsyncClient(Shared):
         fps: float = 30.0,
         cycles: int = 1,
         **options: Unpack[Options],
-    ) -> answers.Sequence:
+    ) -> models.Sequence:
         """As :meth:`~adverb_client.Client.sequence`."""
         return await self._run(self._asking.sequence(verb, adverbs, track, fps, cycles, options))
 

@@ -9,8 +9,8 @@ from typing import Self, TypeVar, Unpack
 
 import httpx
 
-from adverb_client import answers
-from adverb_client.asking import Adverbs, Answer, Call, Crowd, Numbers, Options, Question, Track
+from adverb_client import models
+from adverb_client.api import Adverbs, Answer, Call, Crowd, Numbers, Options, Question, Track
 from adverb_client.errors import TimedOut, TransportError, Unavailable
 from adverb_client.transport import POLL_S, Shared, answer_of, failed, headers_of, request_of
 
@@ -94,11 +94,11 @@ class Client(Shared):
         except (httpx.HTTPError, httpx.InvalidURL) as err:
             raise failed(err, self._http.base_url) from err
 
-    def health(self) -> answers.Health:
+    def health(self) -> models.Health:
         """Whether the server is ready; raises :class:`NotReady` where it is not yet, without asking again."""
         return self._run(self._asking.health())
 
-    def wait_ready(self, timeout_s: float = 120.0) -> answers.Health:
+    def wait_ready(self, timeout_s: float = 120.0) -> models.Health:
         """Wait until the server is there and ready.
 
         Raises
@@ -115,11 +115,11 @@ class Client(Shared):
                     raise TimedOut(f"not ready within {timeout_s:g} s: {err}") from err
             self._sleep(POLL_S)
 
-    def verbs(self) -> tuple[answers.VerbSummary, ...]:
+    def verbs(self) -> tuple[models.VerbSummary, ...]:
         """The verbs that are served."""
         return self._run(self._asking.verbs())
 
-    def verb(self, name: str) -> answers.Verb:
+    def verb(self, name: str) -> models.Verb:
         """All about one verb."""
         return self._run(self._asking.verb(name))
 
@@ -132,7 +132,7 @@ class Client(Shared):
         time_s: float | None = None,
         max_error: float | None = None,
         **options: Unpack[Options],
-    ) -> answers.Pose:
+    ) -> models.Pose:
         """One pose of a verb.
 
         Parameters
@@ -166,7 +166,7 @@ class Client(Shared):
         phases: Numbers | float | None = None,
         times_s: Numbers | float | None = None,
         **options: Unpack[Options],
-    ) -> answers.Poses:
+    ) -> models.Poses:
         """Many poses of a verb in one call, binary in and out.
 
         Parameters
@@ -195,7 +195,7 @@ class Client(Shared):
         fps: float = 30.0,
         cycles: int = 1,
         **options: Unpack[Options],
-    ) -> answers.Sequence:
+    ) -> models.Sequence:
         """A whole motion, at constant adverbs or along a track of them.
 
         Parameters

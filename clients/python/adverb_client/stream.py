@@ -14,9 +14,9 @@ from typing import Any, Self, Unpack
 from adverb_client.backoff import Backoff
 from adverb_client.channel import Channel, OpenOptions
 from adverb_client.clock import Clock, Lateness
+from adverb_client.connection import Link, stream_url
 from adverb_client.errors import AdverbError, NotReady, StreamClosed, TimedOut, TransportError
 from adverb_client.jitter import Delays, JitterBuffer, Sample
-from adverb_client.link import Link, stream_url
 from adverb_client.messages import Closed, Draining, Hello, Note, Opened
 from adverb_client.outbox import Outbox
 from adverb_client.session import Session, Stats

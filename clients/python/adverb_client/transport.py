@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import httpx
 
-from adverb_client.asking import Answer, Asking, Call, refused
+from adverb_client.api import Answer, Asking, Call, refused
 from adverb_client.backoff import Backoff
 from adverb_client.errors import TimedOut, TransportError
 

@@ -16,7 +16,7 @@ from adverb_client import (
     TimedOut,
     errors,
 )
-from adverb_client.link import stream_url
+from adverb_client.connection import stream_url
 
 from tests.clients.python.conftest import next_note, until
 

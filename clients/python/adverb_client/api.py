@@ -14,7 +14,7 @@ from urllib.parse import quote
 import numpy as np
 import numpy.typing as npt
 
-from adverb_client import answers, reading
+from adverb_client import models, parsing
 from adverb_client.errors import DecodeError, Mistake, Refused, refusal
 from adverb_client.records import joints_of, read_records
 from adverb_client.skeleton import Space
@@ -90,23 +90,23 @@ class Asking:
     """All questions; remembers what verbs are like, since binary rows and records do not say it."""
 
     def __init__(self) -> None:
-        self._verbs: dict[str, tuple[str, answers.Verb]] = {}
+        self._verbs: dict[str, tuple[str, models.Verb]] = {}
 
-    def health(self) -> Question[answers.Health]:
+    def health(self) -> Question[models.Health]:
         """Whether it is ready."""
-        return reading.parsed((yield from _send(Call("GET", "/readyz", patient=False))).content, reading.health)
+        return parsing.parsed((yield from _send(Call("GET", "/readyz", patient=False))).content, parsing.health)
 
-    def verbs(self) -> Question[tuple[answers.VerbSummary, ...]]:
+    def verbs(self) -> Question[tuple[models.VerbSummary, ...]]:
         """The verbs that are there."""
-        return reading.parsed((yield from _get("/v1/verbs")).content, reading.verbs)
+        return parsing.parsed((yield from _get("/v1/verbs")).content, parsing.verbs)
 
-    def verb(self, name: str) -> Question[answers.Verb]:
+    def verb(self, name: str) -> Question[models.Verb]:
         """What a verb is like. What has not changed is not sent again."""
         tag, known = self._verbs.get(name, ("", None))
         answer = yield from _get(_path(name), {"if-none-match": tag} if tag else {})
         if answer.status == 304 and known is not None:
             return known
-        found = reading.parsed(answer.content, reading.verb)
+        found = parsing.parsed(answer.content, parsing.verb)
         self._verbs[name] = (answer.headers.get("etag", ""), found)
         return found
 
@@ -118,7 +118,7 @@ class Asking:
         time_s: float | None,
         max_error: float | None,
         options: Options,
-    ) -> Question[answers.Pose]:
+    ) -> Question[models.Pose]:
         """One pose."""
         body, full = _body(options)
         body |= {"adverbs": (yield from self._named(verb, adverbs))}
@@ -127,8 +127,8 @@ class Asking:
         full = full or max_error is not None
         answer = yield from _post(_path(verb, "pose"), body, JSON if full else OCTETS)
         if full:
-            return reading.parsed(answer.content, reading.pose)
-        return reading.pose_of_records(verb, read_records(answer.content, joints_of(answer.content, 1)))
+            return parsing.parsed(answer.content, parsing.pose)
+        return parsing.pose_of_records(verb, read_records(answer.content, joints_of(answer.content, 1)))
 
     def poses(
         self,
@@ -137,7 +137,7 @@ class Asking:
         phases: Numbers | float | None,
         times_s: Numbers | float | None,
         options: Options,
-    ) -> Question[answers.Poses]:
+    ) -> Question[models.Poses]:
         """Many poses: binary rows in, unless they are at times or weights are asked for, which rows cannot say."""
         rows = yield from self._rows(verb, adverbs)
         if phases is not None and times_s is not None:
@@ -158,8 +158,8 @@ class Asking:
             ]
             answer = yield from _post(_path(verb, "poses"), body, accept)
         if full:
-            return reading.parsed(answer.content, reading.poses)
-        return reading.poses_of_records(verb, read_records(answer.content, joints_of(answer.content, len(rows))))
+            return parsing.parsed(answer.content, parsing.poses)
+        return parsing.poses_of_records(verb, read_records(answer.content, joints_of(answer.content, len(rows))))
 
     def sequence(
         self,
@@ -169,16 +169,16 @@ class Asking:
         fps: float,
         cycles: int,
         options: Options,
-    ) -> Question[answers.Sequence]:
+    ) -> Question[models.Sequence]:
         """A whole motion."""
         body, full = _body(options)
         body |= yield from self._motion(verb, adverbs, track, fps, cycles)
         answer = yield from _post(_path(verb, "sequence"), body, JSON if full else OCTETS)
         if full:
-            return reading.parsed(answer.content, reading.sequence)
+            return parsing.parsed(answer.content, parsing.sequence)
         joints = len(body["joints"]) if "joints" in body else (yield from self._joints(verb, answer.content))
         rows = read_records(answer.content, joints)
-        return reading.sequence_of_records(verb, rows, fps=fps, cycles=cycles if track is None else None)
+        return parsing.sequence_of_records(verb, rows, fps=fps, cycles=cycles if track is None else None)
 
     def bvh(
         self, verb: str, adverbs: Adverbs | None, track: Track | None, fps: float, cycles: int, options: Options
@@ -205,7 +205,7 @@ class Asking:
             points.append({"time": float(time_s), "adverbs": (yield from self._named(verb, there))})
         return body | {"track": points}
 
-    def _known(self, name: str) -> Question[answers.Verb]:
+    def _known(self, name: str) -> Question[models.Verb]:
         """What the verb is like, asked for once."""
         if name in self._verbs:
             return self._verbs[name][1]

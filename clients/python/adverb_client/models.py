@@ -1,4 +1,4 @@
-"""What REST answers, as frozen dataclasses. ``reading`` builds them."""
+"""What REST answers, as frozen dataclasses. ``parsing`` builds them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Ask for one pose, a crowd and a whole motion by REST, and print what came.
 
-python ask.py --url http://127.0.0.1:8000
+python request_pose.py --url http://127.0.0.1:8000
 """
 
 from __future__ import annotations

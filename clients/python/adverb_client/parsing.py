@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from adverb_client.answers import Adverb, Event, Example, Health, Pose, Poses, Sequence, Skipped, Verb, VerbSummary
 from adverb_client.errors import DecodeError
+from adverb_client.models import Adverb, Event, Example, Health, Pose, Poses, Sequence, Skipped, Verb, VerbSummary
 from adverb_client.records import CLAMPED, LAST
 from adverb_client.skeleton import Skeleton
 

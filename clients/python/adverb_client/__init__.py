@@ -1,40 +1,41 @@
-"""Client of Adverb: poses by REST, and streams of them with a jitter buffer for games.
+"""Client of Adverb: poses by REST, and streams of poses with a jitter buffer.
 
-``Client`` and ``AsyncClient`` ask for poses, crowds and whole motions; ``Stream`` and ``SyncStream`` let the server
-send them as time goes by. Right-handed, +Y up, +Z forward; metres, seconds, radians; quaternions x, y, z, w.
+``Client`` and ``AsyncClient`` request poses, batches of poses and whole motions. ``Stream`` and ``SyncStream`` receive
+poses from the server in real time. Coordinates are right-handed, +Y up, +Z forward; metres, seconds, radians;
+quaternions x, y, z, w.
 """
 
 from adverb_client import errors
-from adverb_client.api import Options
+from adverb_client.api import PoseOptions
 from adverb_client.async_client import AsyncClient
 from adverb_client.backoff import Backoff
 from adverb_client.channel import Channel, OpenOptions
 from adverb_client.client import Client
 from adverb_client.clock import Clock, Lateness
-from adverb_client.errors import AdverbError, DecodeError, Refused, StreamClosed, TimedOut, TransportError
+from adverb_client.errors import AdverbError, DecodeError, ResponseError, StreamClosed, TimedOut, TransportError
 from adverb_client.jitter import Delays, JitterBuffer, Sample
 from adverb_client.messages import (
-    Closed,
-    Draining,
-    Ended,
-    Found,
+    ChannelOpened,
+    CommandRejected,
+    ConnectionLost,
+    ConnectionRestored,
     Hello,
-    Lost,
-    Note,
-    Opened,
-    Passed,
-    Published,
-    Rejected,
+    KeytimePassed,
+    MotionEnded,
+    ServerDraining,
+    StreamEnded,
+    StreamEvent,
+    VersionChanged,
 )
 from adverb_client.models import (
     Adverb,
-    Event,
     Example,
     Health,
+    KeytimeEvent,
     Pose,
     Poses,
     Sequence,
-    Skipped,
+    SkippedFile,
     Verb,
     VerbSummary,
 )
@@ -42,7 +43,7 @@ from adverb_client.session import Stats
 from adverb_client.skeleton import Skeleton
 from adverb_client.stream import Stream
 from adverb_client.sync_stream import SyncStream
-from adverb_client.wire import Layout, Message, Record, decode_message, encode_adverbs
+from adverb_client.wire import Layout, PoseMessage, Record, decode_message, encode_adverbs
 
 __all__ = [
     "Adverb",
@@ -50,46 +51,46 @@ __all__ = [
     "AsyncClient",
     "Backoff",
     "Channel",
+    "ChannelOpened",
     "Client",
     "Clock",
-    "Closed",
+    "CommandRejected",
+    "ConnectionLost",
+    "ConnectionRestored",
     "DecodeError",
     "Delays",
-    "Draining",
-    "Ended",
-    "Event",
     "Example",
-    "Found",
     "Health",
     "Hello",
     "JitterBuffer",
+    "KeytimeEvent",
+    "KeytimePassed",
     "Lateness",
     "Layout",
-    "Lost",
-    "Message",
-    "Note",
+    "MotionEnded",
     "OpenOptions",
-    "Opened",
-    "Options",
-    "Passed",
     "Pose",
+    "PoseMessage",
+    "PoseOptions",
     "Poses",
-    "Published",
     "Record",
-    "Refused",
-    "Rejected",
+    "ResponseError",
     "Sample",
     "Sequence",
+    "ServerDraining",
     "Skeleton",
-    "Skipped",
+    "SkippedFile",
     "Stats",
     "Stream",
     "StreamClosed",
+    "StreamEnded",
+    "StreamEvent",
     "SyncStream",
     "TimedOut",
     "TransportError",
     "Verb",
     "VerbSummary",
+    "VersionChanged",
     "decode_message",
     "encode_adverbs",
     "errors",

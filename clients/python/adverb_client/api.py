@@ -1,6 +1,6 @@
-"""Questions to the server, without any network: each is a generator that yields calls and is sent their answers.
+"""Operations of the REST API, without I/O: each is a generator that yields requests and receives their responses.
 
-Both clients run the same generators; only who waits, and how, differs.
+Both clients run the same generators, one with blocking and one with asynchronous I/O.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adverb_client import models, parsing
-from adverb_client.errors import DecodeError, Mistake, Refused, refusal
-from adverb_client.records import joints_of, read_records
+from adverb_client.errors import DecodeError, FieldError, ResponseError, error_class
+from adverb_client.records import joint_count, parse_records
 from adverb_client.skeleton import Space
 
-__all__ = ["Adverbs", "Answer", "Asking", "Call", "Crowd", "Options", "Question", "Track", "refused"]
+__all__ = ["Adverbs", "Api", "Crowd", "Operation", "PoseOptions", "Request", "Response", "Track", "error_of"]
 
 JSON, OCTETS, BVH, PROBLEM = "application/json", "application/octet-stream", "text/x-bvh", "application/problem+json"
 
@@ -33,23 +33,23 @@ Track = Sequence[tuple[float, Adverbs]]
 """Seconds from the start, rising, and the adverbs there."""
 
 
-class Options(TypedDict, total=False):
-    """What all questions for poses have in common.
+class PoseOptions(TypedDict, total=False):
+    """Options of all requests for poses.
 
     Parameters
     ----------
     method : str
-        One of the verb's methods; its default where left out.
+        One of the verb's methods; its default where omitted.
     space : str
         ``local`` (rotations relative to the parent) or ``global``.
     joints : sequence of str
         Only these joints, in this order.
     version : int
-        The version that must answer.
+        The required version of the verb.
     weights : bool
-        Whether to tell the examples' weights; makes the answer a full one.
+        Whether to return the examples' weights; implies ``full``.
     full : bool
-        Whether to ask for JSON, which tells more than a binary record: method, measured, positions, weights, events.
+        Whether to request JSON, which has more than a binary record: method, measured, positions, weights, events.
     """
 
     method: str
@@ -61,8 +61,8 @@ class Options(TypedDict, total=False):
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
-    """One HTTP request; a patient one is asked again where the server answers 503."""
+class Request:
+    """One HTTP request; ``retry`` allows further attempts after status 503."""
 
     method: Literal["GET", "POST"]
     path: str
@@ -71,11 +71,11 @@ class Call:
     content_type: str | None = None
     query: tuple[tuple[str, str], ...] = ()
     headers: Mapping[str, str] = field(default_factory=dict)
-    patient: bool = True
+    retry: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class Response:
     """One HTTP response; names of headers in lower case."""
 
     status: int
@@ -83,31 +83,31 @@ class Answer:
     content: bytes
 
 
-Question = Generator[Call, Answer, T]
+Operation = Generator[Request, Response, T]
 
 
-class Asking:
-    """All questions; remembers what verbs are like, since binary rows and records do not say it."""
+class Api:
+    """All operations; caches descriptions of verbs, which binary rows and records need."""
 
     def __init__(self) -> None:
         self._verbs: dict[str, tuple[str, models.Verb]] = {}
 
-    def health(self) -> Question[models.Health]:
-        """Whether it is ready."""
-        return parsing.parsed((yield from _send(Call("GET", "/readyz", patient=False))).content, parsing.health)
+    def health(self) -> Operation[models.Health]:
+        """Readiness of the server."""
+        return parsing.parse_json((yield from _send(Request("GET", "/readyz", retry=False))).content, parsing.health)
 
-    def verbs(self) -> Question[tuple[models.VerbSummary, ...]]:
-        """The verbs that are there."""
-        return parsing.parsed((yield from _get("/v1/verbs")).content, parsing.verbs)
+    def verbs(self) -> Operation[tuple[models.VerbSummary, ...]]:
+        """The list of verbs."""
+        return parsing.parse_json((yield from _get("/v1/verbs")).content, parsing.verbs)
 
-    def verb(self, name: str) -> Question[models.Verb]:
-        """What a verb is like. What has not changed is not sent again."""
+    def verb(self, name: str) -> Operation[models.Verb]:
+        """The description of a verb; an unchanged one is not transferred again."""
         tag, known = self._verbs.get(name, ("", None))
-        answer = yield from _get(_path(name), {"if-none-match": tag} if tag else {})
-        if answer.status == 304 and known is not None:
+        response = yield from _get(_path(name), {"if-none-match": tag} if tag else {})
+        if response.status == 304 and known is not None:
             return known
-        found = parsing.parsed(answer.content, parsing.verb)
-        self._verbs[name] = (answer.headers.get("etag", ""), found)
+        found = parsing.parse_json(response.content, parsing.verb)
+        self._verbs[name] = (response.headers.get("etag", ""), found)
         return found
 
     def pose(
@@ -117,18 +117,18 @@ class Asking:
         phase: float | None,
         time_s: float | None,
         max_error: float | None,
-        options: Options,
-    ) -> Question[models.Pose]:
+        options: PoseOptions,
+    ) -> Operation[models.Pose]:
         """One pose."""
         body, full = _body(options)
         body |= {"adverbs": (yield from self._named(verb, adverbs))}
         given = {"phase": phase, "time": time_s, "max_error": max_error}
         body |= {name: float(number) for name, number in given.items() if number is not None}
         full = full or max_error is not None
-        answer = yield from _post(_path(verb, "pose"), body, JSON if full else OCTETS)
+        response = yield from _post(_path(verb, "pose"), body, JSON if full else OCTETS)
         if full:
-            return parsing.parsed(answer.content, parsing.pose)
-        return parsing.pose_of_records(verb, read_records(answer.content, joints_of(answer.content, 1)))
+            return parsing.parse_json(response.content, parsing.pose)
+        return parsing.pose_of_records(verb, parse_records(response.content, joint_count(response.content, 1)))
 
     def poses(
         self,
@@ -136,9 +136,9 @@ class Asking:
         adverbs: Crowd,
         phases: Numbers | float | None,
         times_s: Numbers | float | None,
-        options: Options,
-    ) -> Question[models.Poses]:
-        """Many poses: binary rows in, unless they are at times or weights are asked for, which rows cannot say."""
+        options: PoseOptions,
+    ) -> Operation[models.Poses]:
+        """Many poses: the request has binary rows, or JSON with ``times_s`` or weights, which rows cannot express."""
         rows = yield from self._rows(verb, adverbs)
         if phases is not None and times_s is not None:
             raise ValueError("give phases or times_s, not both")
@@ -148,7 +148,7 @@ class Asking:
         if times_s is None and not body.get("weights"):
             content = np.column_stack([rows, at]).astype("<f4").tobytes()
             query = tuple((name, str(one)) for name, value in body.items() for one in _listed(value))
-            answer = yield from _send(Call("POST", _path(verb, "poses"), accept, content, OCTETS, query))
+            response = yield from _send(Request("POST", _path(verb, "poses"), accept, content, OCTETS, query))
         else:
             names = [adverb.name for adverb in (yield from self._known(verb)).adverbs]
             when, numbers = ("phase", at) if times_s is None else ("time", np.broadcast_to(times_s, len(rows)))
@@ -156,10 +156,10 @@ class Asking:
                 {"adverbs": dict(zip(names, row, strict=True)), when: number}
                 for row, number in zip(rows.tolist(), numbers.tolist(), strict=True)
             ]
-            answer = yield from _post(_path(verb, "poses"), body, accept)
+            response = yield from _post(_path(verb, "poses"), body, accept)
         if full:
-            return parsing.parsed(answer.content, parsing.poses)
-        return parsing.poses_of_records(verb, read_records(answer.content, joints_of(answer.content, len(rows))))
+            return parsing.parse_json(response.content, parsing.poses)
+        return parsing.poses_of_records(verb, parse_records(response.content, joint_count(response.content, len(rows))))
 
     def sequence(
         self,
@@ -168,33 +168,33 @@ class Asking:
         track: Track | None,
         fps: float,
         cycles: int,
-        options: Options,
-    ) -> Question[models.Sequence]:
+        options: PoseOptions,
+    ) -> Operation[models.Sequence]:
         """A whole motion."""
         body, full = _body(options)
         body |= yield from self._motion(verb, adverbs, track, fps, cycles)
-        answer = yield from _post(_path(verb, "sequence"), body, JSON if full else OCTETS)
+        response = yield from _post(_path(verb, "sequence"), body, JSON if full else OCTETS)
         if full:
-            return parsing.parsed(answer.content, parsing.sequence)
-        joints = len(body["joints"]) if "joints" in body else (yield from self._joints(verb, answer.content))
-        rows = read_records(answer.content, joints)
+            return parsing.parse_json(response.content, parsing.sequence)
+        joints = len(body["joints"]) if "joints" in body else (yield from self._joints(verb, response.content))
+        rows = parse_records(response.content, joints)
         return parsing.sequence_of_records(verb, rows, fps=fps, cycles=cycles if track is None else None)
 
     def bvh(
-        self, verb: str, adverbs: Adverbs | None, track: Track | None, fps: float, cycles: int, options: Options
-    ) -> Question[str]:
+        self, verb: str, adverbs: Adverbs | None, track: Track | None, fps: float, cycles: int, options: PoseOptions
+    ) -> Operation[str]:
         """A whole motion as a BVH file."""
         body, _ = _body(options)
         body |= yield from self._motion(verb, adverbs, track, fps, cycles)
-        answer = yield from _post(_path(verb, "sequence"), body, BVH)
+        response = yield from _post(_path(verb, "sequence"), body, BVH)
         try:
-            return answer.content.decode()
+            return response.content.decode()
         except UnicodeDecodeError as err:
-            raise DecodeError(f"a BVH file that is no UTF-8: {err}") from err
+            raise DecodeError(f"a BVH file that is not UTF-8: {err}") from err
 
     def _motion(
         self, verb: str, adverbs: Adverbs | None, track: Track | None, fps: float, cycles: int
-    ) -> Question[dict[str, Any]]:
+    ) -> Operation[dict[str, Any]]:
         if (adverbs is None) == (track is None):
             raise ValueError("give either adverbs or track")
         body: dict[str, Any] = {"fps": float(fps), "cycles": cycles}
@@ -205,66 +205,66 @@ class Asking:
             points.append({"time": float(time_s), "adverbs": (yield from self._named(verb, there))})
         return body | {"track": points}
 
-    def _known(self, name: str) -> Question[models.Verb]:
-        """What the verb is like, asked for once."""
+    def _known(self, name: str) -> Operation[models.Verb]:
+        """The description of a verb, requested once."""
         if name in self._verbs:
             return self._verbs[name][1]
         return (yield from self.verb(name))
 
-    def _joints(self, verb: str, content: bytes) -> Question[int]:
-        """Joints of the version that answered; what is remembered may be of an older one."""
+    def _joints(self, verb: str, content: bytes) -> Operation[int]:
+        """Number of joints in the version of the response; the cached one may be older."""
         found = yield from self._known(verb)
         if int.from_bytes(content[4:8], "little") != found.version:
             found = yield from self.verb(verb)
         return len(found.skeleton)
 
-    def _named(self, verb: str, adverbs: Adverbs) -> Question[dict[str, float]]:
+    def _named(self, verb: str, adverbs: Adverbs) -> Operation[dict[str, float]]:
         if isinstance(adverbs, Mapping):
             return {name: float(number) for name, number in adverbs.items()}
         names = [adverb.name for adverb in (yield from self._known(verb)).adverbs]
         numbers = np.asarray(adverbs, np.float64).ravel().tolist()
         if len(names) != len(numbers):
-            raise ValueError(f"{len(numbers)} adverbs are given; {verb!r} has {len(names)}: {', '.join(names)}")
+            raise ValueError(f"{len(numbers)} adverbs given; {verb!r} has {len(names)}: {', '.join(names)}")
         return dict(zip(names, numbers, strict=True))
 
-    def _rows(self, verb: str, adverbs: Crowd) -> Question[npt.NDArray[np.float32]]:
+    def _rows(self, verb: str, adverbs: Crowd) -> Operation[npt.NDArray[np.float32]]:
         if not isinstance(adverbs, Mapping):
             rows = np.asarray(adverbs, np.float32)
             if rows.ndim != 2 or not len(rows):
-                raise ValueError(f"adverbs of many poses are rows (B, D), at least one: {rows.shape}")
+                raise ValueError(f"expected rows (B, D) of adverbs, at least one, not {rows.shape}")
             return rows
         names = [adverb.name for adverb in (yield from self._known(verb)).adverbs]
         if set(names) != set(adverbs):
-            detail = f"adverbs {', '.join(adverbs)} are given; {verb!r} has {', '.join(names)}"
-            raise refusal("unknown_adverb")(detail, known=tuple(names))
+            detail = f"adverbs {', '.join(adverbs)} given; {verb!r} has {', '.join(names)}"
+            raise error_class("unknown_adverb")(detail, known=tuple(names))
         return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(adverbs[name]) for name in names))).astype("<f4")
 
 
-def refused(answer: Answer) -> Refused:
-    """The error that stands for an answer that is none."""
+def error_of(response: Response) -> ResponseError:
+    """The error of a response with an error status."""
     try:
-        told = json.loads(answer.content)
+        fields = json.loads(response.content)
     except (ValueError, RecursionError):
-        told = None
-    if not isinstance(told, dict):
-        told = {}
-    code, limit = str(told.get("code", "")), told.get("limit")
-    mistakes = [row for row in _list(told, "errors") if isinstance(row, dict)]
-    return refusal(code)(
-        str(told.get("detail") or f"the server answered {answer.status}"),
-        code=code or f"http_{answer.status}",
-        status=answer.status,
-        title=str(told.get("title", "")),
-        known=tuple(str(name) for name in _list(told, "known")),
+        fields = None
+    if not isinstance(fields, dict):
+        fields = {}
+    code, limit = str(fields.get("code", "")), fields.get("limit")
+    field_errors = [row for row in _list(fields, "errors") if isinstance(row, dict)]
+    return error_class(code)(
+        str(fields.get("detail") or f"the server responded with status {response.status}"),
+        code=code or f"http_{response.status}",
+        status=response.status,
+        title=str(fields.get("title", "")),
+        known=tuple(str(name) for name in _list(fields, "known")),
         limit=limit if isinstance(limit, int) else None,
-        mistakes=tuple(Mistake(str(row.get("at", "")), str(row.get("problem", ""))) for row in mistakes),
-        request_id=answer.headers.get("x-request-id"),
-        retry_after_s=_seconds(answer.headers.get("retry-after")),
+        field_errors=tuple(FieldError(str(row.get("at", "")), str(row.get("problem", ""))) for row in field_errors),
+        request_id=response.headers.get("x-request-id"),
+        retry_after_s=_seconds(response.headers.get("retry-after")),
     )
 
 
-def _list(told: Mapping[str, Any], name: str) -> list[Any]:
-    value = told.get(name)
+def _list(fields: Mapping[str, Any], name: str) -> list[Any]:
+    value = fields.get(name)
     return value if isinstance(value, list) else []
 
 
@@ -283,8 +283,8 @@ def _path(verb: str, noun: str = "") -> str:
     return f"/v1/verbs/{quote(verb, safe='')}" + (f"/{noun}" if noun else "")
 
 
-def _body(options: Options) -> tuple[dict[str, Any], bool]:
-    """Options as JSON fields, and whether a full answer is asked for."""
+def _body(options: PoseOptions) -> tuple[dict[str, Any], bool]:
+    """Options as JSON fields, and whether a full response is requested."""
     body: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     full = bool(body.pop("full", False))
     if "joints" in body:
@@ -294,20 +294,20 @@ def _body(options: Options) -> tuple[dict[str, Any], bool]:
     return body, full or "weights" in body
 
 
-def _get(path: str, headers: Mapping[str, str] | None = None) -> Question[Answer]:
-    return (yield from _send(Call("GET", path, headers=headers or {})))
+def _get(path: str, headers: Mapping[str, str] | None = None) -> Operation[Response]:
+    return (yield from _send(Request("GET", path, headers=headers or {})))
 
 
-def _post(path: str, body: Mapping[str, Any], accept: str) -> Question[Answer]:
+def _post(path: str, body: Mapping[str, Any], accept: str) -> Operation[Response]:
     try:
         content = json.dumps(body, allow_nan=False).encode()
     except ValueError as err:
-        raise ValueError(f"adverbs, phases and times are finite numbers: {err}") from err
-    return (yield from _send(Call("POST", path, accept, content, JSON)))
+        raise ValueError(f"adverbs, phases and times must be finite: {err}") from err
+    return (yield from _send(Request("POST", path, accept, content, JSON)))
 
 
-def _send(call: Call) -> Question[Answer]:
-    answer = yield call
-    if answer.status >= 300 and answer.status != 304:
-        raise refused(answer)
-    return answer
+def _send(request: Request) -> Operation[Response]:
+    response = yield request
+    if response.status >= 300 and response.status != 304:
+        raise error_of(response)
+    return response

@@ -1,4 +1,4 @@
-"""The REST client whose answers are awaited."""
+"""The asynchronous REST client."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Self, TypeVar, Unpack
 import httpx
 
 from adverb_client import models
-from adverb_client.api import Adverbs, Answer, Call, Crowd, Numbers, Options, Question, Track
+from adverb_client.api import Adverbs, Crowd, Numbers, Operation, PoseOptions, Request, Response, Track
 from adverb_client.errors import TimedOut, TransportError, Unavailable
-from adverb_client.transport import POLL_S, Shared, answer_of, failed, headers_of, request_of
+from adverb_client.transport import POLL_S, BaseClient, auth_headers, httpx_request, response_of, transport_error
 
 __all__ = ["AsyncClient"]
 
 T = TypeVar("T")
 
 
-class AsyncClient(Shared):
-    """A client whose answers are awaited; parameters and answers are those of :class:`Client`.
+class AsyncClient(BaseClient):
+    """Asynchronous REST client; parameters and results are those of :class:`Client`.
 
     Examples
     --------
@@ -36,14 +36,14 @@ class AsyncClient(Shared):
         api_key: str | None = None,
         timeout_s: float = 10.0,
         retries: int = 3,
-        longest_wait_s: float = 2.0,
+        max_wait_s: float = 2.0,
         transport: httpx.AsyncBaseTransport | None = None,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
-        super().__init__(retries, longest_wait_s)
+        super().__init__(retries, max_wait_s)
         self._sleep = sleep
         self._http = httpx.AsyncClient(
-            base_url=url, headers=headers_of(api_key), timeout=timeout_s, transport=transport
+            base_url=url, headers=auth_headers(api_key), timeout=timeout_s, transport=transport
         )
 
     async def __aenter__(self) -> Self:
@@ -58,33 +58,33 @@ class AsyncClient(Shared):
         """Close all connections."""
         await self._http.aclose()
 
-    async def _run(self, question: Question[T]) -> T:
+    async def _run(self, operation: Operation[T]) -> T:
         try:
-            call = next(question)
+            request = next(operation)
             while True:
-                call = question.send(await self._answered(call))
+                request = operation.send(await self._send(request))
         except StopIteration as done:
             found: T = done.value
             return found
 
-    async def _answered(self, call: Call) -> Answer:
+    async def _send(self, request: Request) -> Response:
         backoff = self._backoff()
         while True:
-            answer = await self._once(call)
-            wait_s = self._wait_s(call, answer, backoff)
+            response = await self._send_once(request)
+            wait_s = self._wait_s(request, response, backoff)
             if wait_s is None:
-                return answer
+                return response
             await self._sleep(wait_s)
 
-    async def _once(self, call: Call) -> Answer:
+    async def _send_once(self, request: Request) -> Response:
         try:
-            return answer_of(await self._http.send(request_of(self._http, call)))
+            return response_of(await self._http.send(httpx_request(self._http, request)))
         except (httpx.HTTPError, httpx.InvalidURL) as err:
-            raise failed(err, self._http.base_url) from err
+            raise transport_error(err, self._http.base_url) from err
 
     async def health(self) -> models.Health:
         """As :meth:`~adverb_client.Client.health`."""
-        return await self._run(self._asking.health())
+        return await self._run(self._api.health())
 
     async def wait_ready(self, timeout_s: float = 120.0) -> models.Health:
         """As :meth:`~adverb_client.Client.wait_ready`."""
@@ -99,11 +99,11 @@ class AsyncClient(Shared):
 
     async def verbs(self) -> tuple[models.VerbSummary, ...]:
         """As :meth:`~adverb_client.Client.verbs`."""
-        return await self._run(self._asking.verbs())
+        return await self._run(self._api.verbs())
 
     async def verb(self, name: str) -> models.Verb:
         """As :meth:`~adverb_client.Client.verb`."""
-        return await self._run(self._asking.verb(name))
+        return await self._run(self._api.verb(name))
 
     async def pose(
         self,
@@ -113,10 +113,10 @@ class AsyncClient(Shared):
         phase: float | None = None,
         time_s: float | None = None,
         max_error: float | None = None,
-        **options: Unpack[Options],
+        **options: Unpack[PoseOptions],
     ) -> models.Pose:
         """As :meth:`~adverb_client.Client.pose`."""
-        return await self._run(self._asking.pose(verb, adverbs, phase, time_s, max_error, options))
+        return await self._run(self._api.pose(verb, adverbs, phase, time_s, max_error, options))
 
     async def poses(
         self,
@@ -125,10 +125,10 @@ class AsyncClient(Shared):
         *,
         phases: Numbers | float | None = None,
         times_s: Numbers | float | None = None,
-        **options: Unpack[Options],
+        **options: Unpack[PoseOptions],
     ) -> models.Poses:
         """As :meth:`~adverb_client.Client.poses`."""
-        return await self._run(self._asking.poses(verb, adverbs, phases, times_s, options))
+        return await self._run(self._api.poses(verb, adverbs, phases, times_s, options))
 
     async def sequence(
         self,
@@ -138,10 +138,10 @@ class AsyncClient(Shared):
         track: Track | None = None,
         fps: float = 30.0,
         cycles: int = 1,
-        **options: Unpack[Options],
+        **options: Unpack[PoseOptions],
     ) -> models.Sequence:
         """As :meth:`~adverb_client.Client.sequence`."""
-        return await self._run(self._asking.sequence(verb, adverbs, track, fps, cycles, options))
+        return await self._run(self._api.sequence(verb, adverbs, track, fps, cycles, options))
 
     async def bvh(
         self,
@@ -151,7 +151,7 @@ class AsyncClient(Shared):
         track: Track | None = None,
         fps: float = 30.0,
         cycles: int = 1,
-        **options: Unpack[Options],
+        **options: Unpack[PoseOptions],
     ) -> str:
         """As :meth:`~adverb_client.Client.bvh`."""
-        return await self._run(self._asking.bvh(verb, adverbs, track, fps, cycles, options))
+        return await self._run(self._api.bvh(verb, adverbs, track, fps, cycles, options))

@@ -1,4 +1,4 @@
-"""How long to wait before trying again."""
+"""Delays between attempts: exponential backoff with jitter."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ __all__ = ["Backoff"]
 
 @dataclass(slots=True)
 class Backoff:
-    """Waits that double from one failure to the next, up to a bound, and are not the same for everybody.
+    """Exponential backoff with jitter: delays double from one failure to the next, up to a bound.
 
     Parameters
     ----------
-    first_s, longest_s : float
-        Bounds of a wait, seconds.
+    initial_s, max_s : float
+        First and longest delay, seconds.
     rng : random.Random
-        Half of each wait is drawn by lot, so that clients of a server that was away do not come back all at once.
+        Half of each delay is random, so that clients do not reconnect to a restarted server at once.
     """
 
-    first_s: float = 0.1
-    longest_s: float = 5.0
+    initial_s: float = 0.1
+    max_s: float = 5.0
     rng: random.Random = field(default_factory=random.Random)
     failures: int = 0
 
-    def next_s(self, asked_s: float | None = None) -> float:
-        """Count one more failure and say how long to wait, seconds.
+    def next_s(self, requested_s: float | None = None) -> float:
+        """Count a failure and return the delay before the next attempt, seconds.
 
         Parameters
         ----------
-        asked_s : float or None
-            How long the server asks to wait; kept to, as far as the bound allows.
+        requested_s : float or None
+            The delay that the server requests; honoured up to ``max_s``.
         """
-        full = min(self.longest_s, self.first_s * 2.0 ** min(self.failures, 30))
+        full = min(self.max_s, self.initial_s * 2.0 ** min(self.failures, 30))
         self.failures += 1
         drawn = full * (0.5 + 0.5 * self.rng.random())
-        return max(drawn, min(asked_s or 0.0, self.longest_s))
+        return max(drawn, min(requested_s or 0.0, self.max_s))
 
-    def succeeded(self) -> None:
-        """Start anew."""
+    def reset(self) -> None:
+        """Start again at the first delay."""
         self.failures = 0

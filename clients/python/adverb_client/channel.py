@@ -1,4 +1,4 @@
-"""A channel: one character of a stream, as its client knows and wants it."""
+"""A channel: one character of a stream, with its requested settings and its received poses."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 import numpy.typing as npt
 
-from adverb_client.errors import Refused
+from adverb_client.errors import ResponseError
 from adverb_client.jitter import JitterBuffer, Sample
-from adverb_client.messages import Opened
+from adverb_client.messages import ChannelOpened
 from adverb_client.skeleton import Skeleton, Space
 from adverb_client.wire import encode_adverbs
 
@@ -20,16 +20,16 @@ __all__ = ["Channel", "OpenOptions", "Post"]
 
 Numbers = npt.NDArray[Any] | Sequence[float]
 Post = Callable[[tuple[str, int], Mapping[str, Any] | bytes], None]
-"""Sends a message soon: a key, by which a newer message replaces one that is not sent yet, and the message."""
+"""Queues a message. A newer message with the same key replaces one that is not sent yet."""
 
 
 class OpenOptions(TypedDict, total=False):
-    """What may be said about a channel when it is opened; the server has defaults for all of it.
+    """Optional settings of a channel; the server has defaults for all of them.
 
     Parameters
     ----------
     adverbs : mapping of str to float
-        All of them, in their units.
+        All adverbs of the verb, in their units.
     fps : int
         Frames per second, 1–120.
     method : str
@@ -38,19 +38,19 @@ class OpenOptions(TypedDict, total=False):
     encoding : str
         ``f32``, ``q48`` (a third of the bytes, within 0.00015 rad) or ``weights`` (the client blends).
     frame : str
-        Axes and lengths: ``gltf``, ``unity``, ``unreal`` or ``zup``.
+        Axes and unit of length: ``gltf``, ``unity``, ``unreal`` or ``zup``.
     joints : sequence of str
-        Only these, in this order.
+        Only these joints, in this order.
     phase : float
-        Where to start, 0–1.
+        Start phase, 0–1.
     speed : float
-        1 is as captured; negative goes backwards.
+        Playback rate, −10 to 10: 1 is as captured, negative is backwards.
     play : bool
-        Whether the phase goes on.
+        Whether the phase advances.
     loop : bool
         Whether to start again at the end.
     half_life : float
-        How lazily what is shown runs after the adverbs that are set, seconds.
+        Time in which half the distance between the displayed adverbs and the goal is covered, seconds, 0–10.
     follow : bool
         Whether the effector of a held channel stays on the goal.
     """
@@ -70,22 +70,22 @@ class OpenOptions(TypedDict, total=False):
     follow: bool
 
 
-_LASTING = ("adverbs", "speed", "play", "loop", "fps", "half_life", "follow")
+_SETTINGS = ("adverbs", "speed", "play", "loop", "fps", "half_life", "follow")
 
 
 class Channel:
-    """One character of a stream; made by ``open`` of a stream.
+    """One character of a stream; created by ``Stream.open``.
 
-    ``set``, ``aim`` and ``pose`` never wait and may be called from any thread. What is set while the connection is
-    lost takes effect when it is found again.
+    ``set``, ``aim`` and ``pose`` never block and may be called from any thread. Settings that are made without a
+    connection are sent after the reconnection.
 
     Attributes
     ----------
     number : int
-    opened : Opened or None
-        What the server last told about it.
-    refused : Refused or None
-        Why the server does not show it any more, where it could not be opened anew after a lost connection.
+    opened : ChannelOpened or None
+        The server's latest description of the channel.
+    error : ResponseError or None
+        Why the channel could not be reopened after a reconnection.
     """
 
     def __init__(
@@ -99,41 +99,47 @@ class Channel:
         now: Callable[[], float],
     ) -> None:
         self.number = number
-        self.opened: Opened | None = None
-        self.refused: Refused | None = None
-        self.wanted: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-        self.wanted |= {"verb": verb}
-        if "joints" in self.wanted:
-            self.wanted["joints"] = list(self.wanted["joints"])
-        self.whole = "adverbs" in self.wanted  # all adverbs are known here, not just some that were set
-        if self.whole:
-            self.wanted["adverbs"] = _finite(self.wanted["adverbs"])
+        self.opened: ChannelOpened | None = None
+        self.error: ResponseError | None = None
+        self.desired: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+        self.desired |= {"verb": verb}
+        if "joints" in self.desired:
+            self.desired["joints"] = list(self.desired["joints"])
+        self.has_all_adverbs = "adverbs" in self.desired  # otherwise only those that were set
+        if self.has_all_adverbs:
+            self.desired["adverbs"] = _finite(self.desired["adverbs"])
         self.buffer, self.lock = buffer, asyncio.Lock()
-        self.switch: dict[str, Any] | None = None  # asked for and not answered yet
-        self.jump: float | None = None  # a phase that was set and that the server may not know of
-        self._aimed: list[float] | None = None  # adverbs that came while it was not known how many there are
-        self._later: dict[str, float] = {}  # adverbs that were set while a switch was under way
+        self.switch: dict[str, Any] | None = None  # sent, without an answer so far
+        self.pending_phase: float | None = None  # a phase that was set; the server may not have it
+        self._deferred_aim: list[float] | None = None  # goal set during a switch
+        self._deferred: dict[str, float] = {}  # adverbs set during a switch
         self._post, self._now = post, now
 
     @property
     def verb(self) -> str:
-        """The verb that is shown."""
-        return self.opened.verb if self.opened is not None else str(self.wanted["verb"])
+        """The current verb."""
+        return self.opened.verb if self.opened is not None else str(self.desired["verb"])
 
     @property
     def skeleton(self) -> Skeleton:
         """The skeleton, in the channel's frame."""
-        return self.told.skeleton
+        return self.info.skeleton
 
     @property
-    def told(self) -> Opened:
-        """What the server told about the channel when it was opened."""
+    def info(self) -> ChannelOpened:
+        """The server's description of the channel: adverbs, skeleton, keytimes, encoding.
+
+        Raises
+        ------
+        RuntimeError
+            Before the channel is open.
+        """
         if self.opened is None:
             raise RuntimeError(f"channel {self.number} is not open yet")
         return self.opened
 
     def pose(self, at: float | None = None) -> Sample | None:
-        """The pose to show.
+        """The pose to display.
 
         Parameters
         ----------
@@ -143,39 +149,45 @@ class Channel:
         Returns
         -------
         Sample or None
-            None before the first frame has come.
+            None before the first frame has arrived.
         """
         return self.buffer.sample(self._now() if at is None else at)
 
     def positions(self, sample: Sample) -> npt.NDArray[np.float64]:
-        """Where the joints (J, 3) of a pose are, in the frame's unit of length; of channels with all joints."""
-        if sample.root is None or sample.rotations is None:
-            raise ValueError("a channel of weights has no pose; blend the verb's examples")
-        space: Space = "global" if self.told.space == "global" else "local"
-        return self.told.skeleton.positions(sample.root, sample.rotations, space)
-
-    def aim(self, adverbs: Numbers) -> None:
-        """Set all adverbs, as 4 + 4·D bytes; one that is not sent yet is replaced.
-
-        Parameters
-        ----------
-        adverbs : (D,) numbers
-            In the order of ``told.adverbs``, in their units.
+        """Joint positions (J, 3) of a pose, in the frame's unit of length; for channels with all joints.
 
         Raises
         ------
         ValueError
-            If they are not as many as the verb's, or not finite.
+            If the channel's encoding is ``weights``, or it has only some of the joints.
+        """
+        if sample.root is None or sample.rotations is None:
+            raise ValueError("a channel of weights has no pose; blend the verb's examples")
+        space: Space = "global" if self.info.space == "global" else "local"
+        return self.info.skeleton.positions(sample.root, sample.rotations, space)
+
+    def aim(self, adverbs: Numbers) -> None:
+        """Set the goal: all adverbs, as a binary message of 4 + 4·D bytes that replaces an unsent one.
+
+        Parameters
+        ----------
+        adverbs : (D,) numbers
+            In the order of ``info.adverbs``, in their units.
+
+        Raises
+        ------
+        ValueError
+            If their number is not the verb's, or one of them is not finite.
         """
         numbers = [float(number) for number in adverbs]
         content = encode_adverbs(self.number, numbers)
         if self.switch is not None or self.opened is None:
-            self._aimed = numbers  # how many the next verb takes is not known yet
+            self._deferred_aim = numbers  # the next verb's number of adverbs is not known yet
             return
         names = [adverb.name for adverb in self.opened.adverbs]
         if len(numbers) != len(names):
-            raise ValueError(f"{len(numbers)} adverbs are given; {self.verb!r} has {len(names)}: {', '.join(names)}")
-        self.wanted["adverbs"], self.whole = dict(zip(names, numbers, strict=True)), True
+            raise ValueError(f"{len(numbers)} adverbs given; {self.verb!r} has {len(names)}: {', '.join(names)}")
+        self.desired["adverbs"], self.has_all_adverbs = dict(zip(names, numbers, strict=True)), True
         self._post(("aim", self.number), content)
 
     def set(
@@ -190,7 +202,7 @@ class Channel:
         half_life: float | None = None,
         follow: bool | None = None,
     ) -> None:
-        """Change what is given; see :class:`OpenOptions`. Some adverbs are enough; a phase is gone to at once.
+        """Change the given settings; see :class:`OpenOptions`. ``adverbs`` may name some; ``phase`` seeks at once.
 
         Raises
         ------
@@ -204,65 +216,65 @@ class Channel:
         changed |= {name: value for name, value in rest.items() if value is not None}
         if adverbs is not None:
             changed["adverbs"] = _finite(adverbs)
-            known = self._later if self.switch is not None else self.wanted.setdefault("adverbs", {})
+            known = self._deferred if self.switch is not None else self.desired.setdefault("adverbs", {})
             known.update(changed["adverbs"])
-        self.wanted |= {name: value for name, value in changed.items() if name != "adverbs"}
-        self.jump = changed.get("phase", self.jump)
+        self.desired |= {name: value for name, value in changed.items() if name != "adverbs"}
+        self.pending_phase = changed.get("phase", self.pending_phase)
         if fps is not None:
             self.buffer.interval_s = 1.0 / fps
         if changed:
             self._post(("set", self.number), {"op": "set", "channel": self.number, **changed})
 
-    def answered(self, opened: Opened) -> None:
-        """Take what the server tells about the channel now."""
-        anew = self.opened is None or (self.switch is None and not opened.resumed)
-        self.opened, self.refused = opened, None
+    def apply_opened(self, opened: ChannelOpened) -> None:
+        """Apply an ``opened`` message."""
+        restarted = self.opened is None or (self.switch is None and not opened.resumed)
+        self.opened, self.error = opened, None
         if self.switch is not None and opened.verb == self.switch["verb"]:
-            self.become()
+            self.commit_switch()
         self.buffer.interval_s, self.buffer.looping = 1.0 / opened.fps, opened.looping
-        if anew:
+        if restarted:
             self.buffer.restart()
-        if self._aimed is not None and self.switch is None:
-            aimed, self._aimed = self._aimed, None
+        if self._deferred_aim is not None and self.switch is None:
+            aimed, self._deferred_aim = self._deferred_aim, None
             if len(aimed) == len(opened.adverbs):
                 self.aim(aimed)
 
-    def become(self) -> None:
-        """Want for good what a switch asked for, if there is one."""
+    def commit_switch(self) -> None:
+        """Make the verb, adverbs and method of the pending switch those of the channel."""
         if self.switch is None:
             return
         for name in ("adverbs", "method"):
-            self.wanted.pop(name, None)
-        self.wanted |= {name: self.switch[name] for name in ("verb", "adverbs", "method") if name in self.switch}
-        self.whole = "adverbs" in self.wanted
-        if self._later:
-            self.wanted["adverbs"] = {**self.wanted.get("adverbs", {}), **self._later}
-        self.forget_switch()
+            self.desired.pop(name, None)
+        self.desired |= {name: self.switch[name] for name in ("verb", "adverbs", "method") if name in self.switch}
+        self.has_all_adverbs = "adverbs" in self.desired
+        if self._deferred:
+            self.desired["adverbs"] = {**self.desired.get("adverbs", {}), **self._deferred}
+        self.clear_switch()
 
-    def forget_switch(self) -> None:
-        """No switch is under way any more."""
+    def clear_switch(self) -> None:
+        """Forget the pending switch."""
         self.switch = None
-        self._later = {}
+        self._deferred = {}
 
-    def opening(self) -> dict[str, Any]:
-        """The message that opens the channel as it is wanted, from where it was last seen."""
+    def open_message(self) -> dict[str, Any]:
+        """The message that opens the channel with its current settings at its last known phase."""
         last = self.buffer.last
-        where = {} if last is None else {"phase": min(max(last.phase, 0.0), 1.0)}
-        if self.jump is not None:
-            where = {"phase": self.jump}
-        wanted = {name: value for name, value in self.wanted.items() if name != "adverbs" or self.whole}
-        return {"op": "open", "channel": self.number, **wanted, **where}
+        start = {} if last is None else {"phase": min(max(last.phase, 0.0), 1.0)}
+        if self.pending_phase is not None:
+            start = {"phase": self.pending_phase}
+        settings = {name: value for name, value in self.desired.items() if name != "adverbs" or self.has_all_adverbs}
+        return {"op": "open", "channel": self.number, **settings, **start}
 
-    def changes(self) -> dict[str, Any] | None:
-        """The message that brings a channel that went on without us to what is wanted; None where nothing is."""
-        known = {name: self.wanted[name] for name in _LASTING if name in self.wanted}
-        if self.jump is not None:
-            known["phase"] = self.jump
+    def set_message(self) -> dict[str, Any] | None:
+        """The message that applies all settings to a resumed channel; None where there are none."""
+        known = {name: self.desired[name] for name in _SETTINGS if name in self.desired}
+        if self.pending_phase is not None:
+            known["phase"] = self.pending_phase
         return {"op": "set", "channel": self.number, **known} if known else None
 
 
 def _finite(numbers: Mapping[str, float]) -> dict[str, float]:
     found = {name: float(number) for name, number in numbers.items()}
     if not all(math.isfinite(number) for number in found.values()):
-        raise ValueError(f"only finite numbers can be set: {found}")
+        raise ValueError(f"numbers must be finite: {found}")
     return found

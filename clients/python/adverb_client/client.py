@@ -1,4 +1,4 @@
-"""The REST client that waits for its answers."""
+"""The blocking REST client."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from typing import Self, TypeVar, Unpack
 import httpx
 
 from adverb_client import models
-from adverb_client.api import Adverbs, Answer, Call, Crowd, Numbers, Options, Question, Track
+from adverb_client.api import Adverbs, Crowd, Numbers, Operation, PoseOptions, Request, Response, Track
 from adverb_client.errors import TimedOut, TransportError, Unavailable
-from adverb_client.transport import POLL_S, Shared, answer_of, failed, headers_of, request_of
+from adverb_client.transport import POLL_S, BaseClient, auth_headers, httpx_request, response_of, transport_error
 
 __all__ = ["Client"]
 
 T = TypeVar("T")
 
 
-class Client(Shared):
-    """A client that waits for answers. May be shared by threads, and used as a context manager.
+class Client(BaseClient):
+    """Blocking REST client. It may be shared by threads, and is a context manager.
 
     Parameters
     ----------
     url : str
-        Where the server is.
+        Address of the server.
     api_key : str, optional
     timeout_s : float
-        Longest wait for one answer.
+        Timeout of one request, seconds.
     retries : int
-        How often to ask again where the server answers 503.
-    longest_wait_s : float
-        Longest wait between two tries, whatever ``Retry-After`` says.
+        Further attempts after status 503.
+    max_wait_s : float
+        Longest delay between two attempts, seconds, even if ``Retry-After`` is longer.
     transport : httpx.BaseTransport, optional
-        Instead of a socket.
+        Replaces the network.
     sleep : callable
-        Waits for so many seconds.
+        Waits for a number of seconds.
 
     Examples
     --------
@@ -52,13 +52,13 @@ class Client(Shared):
         api_key: str | None = None,
         timeout_s: float = 10.0,
         retries: int = 3,
-        longest_wait_s: float = 2.0,
+        max_wait_s: float = 2.0,
         transport: httpx.BaseTransport | None = None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        super().__init__(retries, longest_wait_s)
+        super().__init__(retries, max_wait_s)
         self._sleep = sleep
-        self._http = httpx.Client(base_url=url, headers=headers_of(api_key), timeout=timeout_s, transport=transport)
+        self._http = httpx.Client(base_url=url, headers=auth_headers(api_key), timeout=timeout_s, transport=transport)
 
     def __enter__(self) -> Self:
         return self
@@ -70,41 +70,41 @@ class Client(Shared):
         """Close all connections."""
         self._http.close()
 
-    def _run(self, question: Question[T]) -> T:
+    def _run(self, operation: Operation[T]) -> T:
         try:
-            call = next(question)
+            request = next(operation)
             while True:
-                call = question.send(self._answered(call))
+                request = operation.send(self._send(request))
         except StopIteration as done:
             found: T = done.value
             return found
 
-    def _answered(self, call: Call) -> Answer:
+    def _send(self, request: Request) -> Response:
         backoff = self._backoff()
         while True:
-            answer = self._once(call)
-            wait_s = self._wait_s(call, answer, backoff)
+            response = self._send_once(request)
+            wait_s = self._wait_s(request, response, backoff)
             if wait_s is None:
-                return answer
+                return response
             self._sleep(wait_s)
 
-    def _once(self, call: Call) -> Answer:
+    def _send_once(self, request: Request) -> Response:
         try:
-            return answer_of(self._http.send(request_of(self._http, call)))
+            return response_of(self._http.send(httpx_request(self._http, request)))
         except (httpx.HTTPError, httpx.InvalidURL) as err:
-            raise failed(err, self._http.base_url) from err
+            raise transport_error(err, self._http.base_url) from err
 
     def health(self) -> models.Health:
-        """Whether the server is ready; raises :class:`NotReady` where it is not yet, without asking again."""
-        return self._run(self._asking.health())
+        """Readiness of the server; raises :class:`NotReady` without further attempts."""
+        return self._run(self._api.health())
 
     def wait_ready(self, timeout_s: float = 120.0) -> models.Health:
-        """Wait until the server is there and ready.
+        """Wait until the server is reachable and ready.
 
         Raises
         ------
         TimedOut
-            If it is not within the time.
+            If it is not ready in time.
         """
         end = time.monotonic() + timeout_s
         while True:
@@ -116,12 +116,12 @@ class Client(Shared):
             self._sleep(POLL_S)
 
     def verbs(self) -> tuple[models.VerbSummary, ...]:
-        """The verbs that are served."""
-        return self._run(self._asking.verbs())
+        """The list of verbs."""
+        return self._run(self._api.verbs())
 
     def verb(self, name: str) -> models.Verb:
-        """All about one verb."""
-        return self._run(self._asking.verb(name))
+        """The description of one verb."""
+        return self._run(self._api.verb(name))
 
     def pose(
         self,
@@ -131,7 +131,7 @@ class Client(Shared):
         phase: float | None = None,
         time_s: float | None = None,
         max_error: float | None = None,
-        **options: Unpack[Options],
+        **options: Unpack[PoseOptions],
     ) -> models.Pose:
         """One pose of a verb.
 
@@ -141,22 +141,22 @@ class Client(Shared):
         adverbs : mapping or (D,) numbers
             By name, or all in the verb's order; in their units.
         phase, time_s : float, optional
-            Canonical time, or seconds; the start where neither is given.
+            Canonical time, or seconds; the start by default.
         max_error : float, optional
-            What error is good enough, metres: slower methods are tried until it is met. Makes the answer a full one.
+            Largest acceptable error, metres: slower methods are tried until it is met. Implies ``full``.
         **options
-            See :class:`Options`.
+            See :class:`PoseOptions`.
 
         Raises
         ------
-        Refused
-            If the server says no.
+        ResponseError
+            If the server answers with an error.
         TransportError
-            If it cannot be reached.
+            If the server cannot be reached.
         DecodeError
-            If its answer cannot be read.
+            If the response is malformed.
         """
-        return self._run(self._asking.pose(verb, adverbs, phase, time_s, max_error, options))
+        return self._run(self._api.pose(verb, adverbs, phase, time_s, max_error, options))
 
     def poses(
         self,
@@ -165,9 +165,9 @@ class Client(Shared):
         *,
         phases: Numbers | float | None = None,
         times_s: Numbers | float | None = None,
-        **options: Unpack[Options],
+        **options: Unpack[PoseOptions],
     ) -> models.Poses:
-        """Many poses of a verb in one call, binary in and out.
+        """Many poses of a verb in one request, binary in both directions.
 
         Parameters
         ----------
@@ -175,16 +175,16 @@ class Client(Shared):
         adverbs : mapping or (B, D)
             A column (B,) per name, or rows in the verb's order.
         phases, times_s : (B,) or float, optional
-            Canonical times, or seconds (which go out as JSON, at most 1,000 poses); the start where neither is given.
+            Canonical times, or seconds (sent as JSON, at most 1,000 poses); the start by default.
         **options
-            See :class:`Options`.
+            See :class:`PoseOptions`.
 
         Raises
         ------
-        Refused, TransportError, DecodeError
+        ResponseError, TransportError, DecodeError
             As :meth:`pose`.
         """
-        return self._run(self._asking.poses(verb, adverbs, phases, times_s, options))
+        return self._run(self._api.poses(verb, adverbs, phases, times_s, options))
 
     def sequence(
         self,
@@ -194,7 +194,7 @@ class Client(Shared):
         track: Track | None = None,
         fps: float = 30.0,
         cycles: int = 1,
-        **options: Unpack[Options],
+        **options: Unpack[PoseOptions],
     ) -> models.Sequence:
         """A whole motion, at constant adverbs or along a track of them.
 
@@ -203,20 +203,20 @@ class Client(Shared):
         verb : str
         adverbs : mapping or (D,) numbers, optional
         track : sequence of (seconds, adverbs), optional
-            Linear between the points. Give this or ``adverbs``.
+            Interpolated linearly. Give this or ``adverbs``.
         fps : float
             Frames per second.
         cycles : int
-            Of a verb that loops.
+            Number of cycles of a looping verb.
         **options
-            See :class:`Options`; ``full=True`` tells the keytimes that pass, too.
+            See :class:`PoseOptions`; ``full=True`` adds the keytimes.
 
         Raises
         ------
-        Refused, TransportError, DecodeError
+        ResponseError, TransportError, DecodeError
             As :meth:`pose`.
         """
-        return self._run(self._asking.sequence(verb, adverbs, track, fps, cycles, options))
+        return self._run(self._api.sequence(verb, adverbs, track, fps, cycles, options))
 
     def bvh(
         self,
@@ -226,7 +226,7 @@ class Client(Shared):
         track: Track | None = None,
         fps: float = 30.0,
         cycles: int = 1,
-        **options: Unpack[Options],
+        **options: Unpack[PoseOptions],
     ) -> str:
         """A whole motion as the text of a BVH file, in metres and degrees; arguments as of :meth:`sequence`."""
-        return self._run(self._asking.bvh(verb, adverbs, track, fps, cycles, options))
+        return self._run(self._api.bvh(verb, adverbs, track, fps, cycles, options))

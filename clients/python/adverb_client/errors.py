@@ -1,13 +1,13 @@
-"""What can go wrong, in one tree.
+"""All errors of this package, in one tree.
 
 ::
 
     AdverbError                     code, status, detail
     ├── TransportError              the server cannot be reached, or the connection broke
-    │   └── TimedOut                it did not answer in time
-    ├── DecodeError                 what arrived is not what the specification says
-    ├── StreamClosed                the stream is closed; close_code says why
-    └── Refused                     the server says no: title, known, limit, mistakes, request_id, …
+    │   └── TimedOut                there is no answer in time
+    ├── DecodeError                 a response or message does not follow the specification
+    ├── StreamClosed                the stream is closed; see close_code
+    └── ResponseError                     the server answers with an error: known, limit, request_id, …
         ├── UnknownName             `known` lists the names that exist
         │   ├── UnknownVerb
         │   ├── UnknownVersion
@@ -18,15 +18,15 @@
         │   └── UnknownRefinement
         ├── BadRequest
         │   ├── MalformedBody
-        │   ├── InvalidRequest      `mistakes` say where
+        │   ├── InvalidRequest      see `field_errors`
         │   ├── OutOfRange
         │   ├── BadUpload
         │   └── BadMessage          of a stream
-        ├── Conflict                the server is in another state than the caller believes
+        ├── Conflict                the state of the server does not allow it
         │   ├── VersionConflict
         │   ├── AlreadyRefining
         │   └── ReadOnly
-        ├── TooLarge                `limit` is what is allowed
+        ├── TooLarge                see `limit`
         │   ├── BodyTooLarge
         │   └── BatchTooLarge
         ├── WrongRoute
@@ -38,7 +38,7 @@
         │   ├── NotReady
         │   ├── Overloaded
         │   └── StoreUnavailable
-        ├── InternalError           report it with `request_id`
+        ├── InternalError           a fault of the server; report it with `request_id`
         └── ChannelError            of a stream: `channel`
             ├── UnknownChannel
             ├── ChannelInUse
@@ -46,8 +46,8 @@
             ├── SkeletonMismatch
             └── UnknownSession
 
-Each leaf under :class:`Refused` stands for one of the server's stable codes; a code that this client does not know
-comes as a plain :class:`Refused`.
+Each leaf under :class:`ResponseError` stands for one of the server's stable codes. An unknown code gives a plain
+:class:`ResponseError`.
 """
 
 from __future__ import annotations
@@ -66,18 +66,18 @@ __all__ = [
     "ChannelInUse",
     "Conflict",
     "DecodeError",
+    "FieldError",
     "InternalError",
     "InvalidRequest",
     "MalformedBody",
     "MethodNotAllowed",
-    "Mistake",
     "NotAcceptable",
     "NotFound",
     "NotReady",
     "OutOfRange",
     "Overloaded",
     "ReadOnly",
-    "Refused",
+    "ResponseError",
     "SkeletonMismatch",
     "StoreUnavailable",
     "StreamClosed",
@@ -99,7 +99,7 @@ __all__ = [
     "UnsupportedMediaType",
     "VersionConflict",
     "WrongRoute",
-    "refusal",
+    "error_class",
 ]
 
 
@@ -109,9 +109,9 @@ class AdverbError(Exception):
     Attributes
     ----------
     detail : str
-        What is wrong, for people.
+        Description of the error.
     code : str
-        What is wrong, for programs; stable.
+        Stable code of the error.
     status : int or None
         HTTP status, where there is one.
     """
@@ -131,24 +131,24 @@ class TransportError(AdverbError):
 
 
 class TimedOut(TransportError):
-    """The server did not answer in time."""
+    """There is no answer in time."""
 
     code = "timed_out"
 
 
 class DecodeError(AdverbError):
-    """What arrived is not what the specification says."""
+    """A response or message does not follow the specification."""
 
     code = "decode"
 
 
 class StreamClosed(AdverbError):
-    """The stream is closed and will not come back by itself.
+    """The stream is closed and does not reconnect.
 
     Attributes
     ----------
     close_code : int or None
-        The WebSocket close code, where the server gave one.
+        The WebSocket close code, where there is one.
     """
 
     code = "stream_closed"
@@ -159,34 +159,34 @@ class StreamClosed(AdverbError):
 
 
 @dataclass(frozen=True, slots=True)
-class Mistake:
-    """One mistake in a request: where it stands, and what is wrong with it."""
+class FieldError:
+    """One invalid field of a request: its place and the problem."""
 
     at: str
     problem: str
 
 
-class Refused(AdverbError):
-    """The server understood who asked what, and says no.
+class ResponseError(AdverbError):
+    """The server answers a request or message with an error.
 
     Parameters
     ----------
     detail, code, status
         As in :class:`AdverbError`.
     title : str
-        The kind of problem, in words.
+        Title of the kind of problem.
     known : tuple of str
-        Names or media types that exist, where one of them was expected.
+        Existing names or media types, where the given one does not exist.
     limit : int or None
-        What is allowed at most.
-    mistakes : tuple of Mistake
-        Where a body does not fit.
+        The limit that is exceeded.
+    field_errors : tuple of FieldError
+        Invalid fields of the body.
     request_id : str or None
-        The server's log has it.
+        Identifies the request in the server's log.
     retry_after_s : float or None
-        When to ask again.
+        Delay before the next attempt, seconds.
     channel : int or None
-        Of a stream: which channel it is about.
+        Channel of a stream.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class Refused(AdverbError):
         title: str = "",
         known: tuple[str, ...] = (),
         limit: int | None = None,
-        mistakes: tuple[Mistake, ...] = (),
+        field_errors: tuple[FieldError, ...] = (),
         request_id: str | None = None,
         retry_after_s: float | None = None,
         channel: int | None = None,
@@ -206,11 +206,16 @@ class Refused(AdverbError):
         super().__init__(detail)
         self.code = code or type(self).code
         self.status, self.title, self.known, self.limit = status, title, known, limit
-        self.mistakes, self.request_id, self.retry_after_s, self.channel = mistakes, request_id, retry_after_s, channel
+        self.field_errors, self.request_id, self.retry_after_s, self.channel = (
+            field_errors,
+            request_id,
+            retry_after_s,
+            channel,
+        )
 
 
-class UnknownName(Refused):
-    """No such thing; ``known`` lists those that exist."""
+class UnknownName(ResponseError):
+    """The name does not exist; ``known`` lists those that do."""
 
 
 class UnknownVerb(UnknownName):
@@ -238,37 +243,37 @@ class UnknownJoint(UnknownName):
 
 
 class UnknownMethod(UnknownName):
-    """The verb cannot be blended by this method."""
+    """The verb does not support this blending method."""
 
     code = "unknown_method"
 
 
 class UnknownSpace(UnknownName):
-    """There is no such space."""
+    """The space does not exist."""
 
     code = "unknown_space"
 
 
 class UnknownRefinement(UnknownName):
-    """No such refinement."""
+    """The refinement does not exist."""
 
     code = "unknown_refinement"
 
 
-class BadRequest(Refused):
-    """The request cannot be answered; the detail says why."""
+class BadRequest(ResponseError):
+    """The request is invalid; see ``detail``."""
 
     code = "bad_request"
 
 
 class MalformedBody(BadRequest):
-    """The body cannot be read."""
+    """The body cannot be parsed."""
 
     code = "malformed_body"
 
 
 class InvalidRequest(BadRequest):
-    """The body does not fit; ``mistakes`` say where."""
+    """Fields of the body are invalid; see ``field_errors``."""
 
     code = "invalid_request"
 
@@ -280,113 +285,113 @@ class OutOfRange(BadRequest):
 
 
 class BadUpload(BadRequest):
-    """What was uploaded is no verb."""
+    """Invalid upload."""
 
     code = "bad_upload"
 
 
-class Conflict(Refused):
-    """The server is in another state than the caller believes."""
+class Conflict(ResponseError):
+    """The state of the server does not allow the request."""
 
 
 class VersionConflict(Conflict):
-    """The verb is at another version."""
+    """The verb has another version than the request expects."""
 
     code = "version_conflict"
 
 
 class AlreadyRefining(Conflict):
-    """The verb is being refined."""
+    """The verb already has a running refinement."""
 
     code = "already_refining"
 
 
 class ReadOnly(Conflict):
-    """The server keeps nothing."""
+    """The server is read-only."""
 
     code = "read_only"
 
 
 class BadMessage(BadRequest):
-    """A message of a stream that the server cannot read."""
+    """The server cannot parse a message of the stream."""
 
     code = "bad_message"
 
 
-class TooLarge(Refused):
-    """More than the server takes; ``limit`` is what it does take."""
+class TooLarge(ResponseError):
+    """The request exceeds ``limit``."""
 
 
 class BodyTooLarge(TooLarge):
-    """The body is too long; ``limit`` is in bytes."""
+    """The body exceeds ``limit`` bytes."""
 
     code = "body_too_large"
 
 
 class BatchTooLarge(TooLarge):
-    """Too many poses at once; ``limit`` is in poses."""
+    """The batch exceeds ``limit`` poses."""
 
     code = "batch_too_large"
 
 
-class WrongRoute(Refused):
-    """The server does not speak this way: it may be older or newer than this client."""
+class WrongRoute(ResponseError):
+    """The server does not support this request; it may be of another version than this client."""
 
 
 class NotFound(WrongRoute):
-    """There is nothing at this address."""
+    """The path does not exist."""
 
     code = "not_found"
 
 
 class MethodNotAllowed(WrongRoute):
-    """The address answers other methods."""
+    """The path does not support this HTTP method."""
 
     code = "method_not_allowed"
 
 
 class NotAcceptable(WrongRoute):
-    """The server cannot give this form."""
+    """The server cannot produce this media type."""
 
     code = "not_acceptable"
 
 
 class UnsupportedMediaType(WrongRoute):
-    """The server cannot read this form."""
+    """The server cannot read this media type."""
 
     code = "unsupported_media_type"
 
 
-class Unavailable(Refused):
-    """Not now; ``retry_after_s`` says when."""
+class Unavailable(ResponseError):
+    """The server is temporarily unavailable; see ``retry_after_s``."""
 
 
 class NotReady(Unavailable):
-    """Verbs are still being loaded."""
+    """The server is still loading its verbs."""
 
     code = "not_ready"
 
 
 class Overloaded(Unavailable):
-    """Too much to do."""
+    """The server is overloaded."""
 
     code = "overloaded"
 
 
 class StoreUnavailable(Unavailable):
-    """The server's database or artifacts cannot be reached."""
+    """The server cannot reach its database or artifacts."""
 
     code = "store_unavailable"
 
 
-class InternalError(Refused):
-    """Something went wrong inside the server; report it with ``request_id``."""
+class InternalError(ResponseError):
+    """A fault of the server; report it with ``request_id``."""
 
     code = "internal_error"
 
 
-class ChannelError(Refused):
-    """A stream's channel or session is not what the message takes it for."""
+class ChannelError(ResponseError):
+    """The channel or session of a stream does not allow the message."""
 
 
 class UnknownChannel(ChannelError):
@@ -402,30 +407,30 @@ class ChannelInUse(ChannelError):
 
 
 class TooManyChannels(ChannelError):
-    """The session holds as many channels as it may."""
+    """The session has the maximum number of channels."""
 
     code = "too_many_channels"
 
 
 class SkeletonMismatch(ChannelError):
-    """The verb to switch to has other joints."""
+    """The new verb has other joints."""
 
     code = "skeleton_mismatch"
 
 
 class UnknownSession(ChannelError):
-    """The session to resume is gone."""
+    """The session to resume does not exist any more."""
 
     code = "unknown_session"
 
 
-def _leaves(kind: type[Refused]) -> list[type[Refused]]:
+def _leaves(kind: type[ResponseError]) -> list[type[ResponseError]]:
     return [kind, *(leaf for child in kind.__subclasses__() for leaf in _leaves(child))]
 
 
-_BY_CODE: dict[str, type[Refused]] = {kind.code: kind for kind in _leaves(Refused) if "code" in vars(kind)}
+_BY_CODE: dict[str, type[ResponseError]] = {kind.code: kind for kind in _leaves(ResponseError) if "code" in vars(kind)}
 
 
-def refusal(code: str) -> type[Refused]:
-    """The class that stands for a server's code; :class:`Refused` where the code is not known."""
-    return _BY_CODE.get(code, Refused)
+def error_class(code: str) -> type[ResponseError]:
+    """The error class of a server's code; :class:`ResponseError` where the code is unknown."""
+    return _BY_CODE.get(code, ResponseError)

@@ -1,4 +1,4 @@
-"""Text messages of a stream: JSON in, frozen dataclasses out. ``docs/wire.md`` is the specification."""
+"""Text messages of a stream, parsed to frozen dataclasses, and its other events. Specification: ``docs/wire.md``."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from adverb_client.errors import DecodeError, Refused, refusal
+from adverb_client.errors import DecodeError, ResponseError, error_class
 from adverb_client.skeleton import Skeleton
 from adverb_client.wire import Layout
 
 __all__ = [
-    "Closed",
-    "Draining",
-    "Ended",
-    "Found",
+    "ChannelAdverb",
+    "ChannelOpened",
+    "CommandRejected",
+    "ConnectionLost",
+    "ConnectionRestored",
     "Hello",
-    "Lost",
-    "Note",
-    "Opened",
-    "Passed",
+    "KeytimePassed",
+    "MotionEnded",
     "Pong",
-    "Published",
-    "Rejected",
-    "StreamAdverb",
-    "Text",
-    "read_text",
+    "ServerDraining",
+    "ServerMessage",
+    "StreamEnded",
+    "StreamEvent",
+    "VersionChanged",
+    "parse_message",
 ]
 
 Json = Mapping[str, Any]
@@ -52,7 +52,7 @@ class Pong:
 
 
 @dataclass(frozen=True, slots=True)
-class StreamAdverb:
+class ChannelAdverb:
     """One adverb of a channel's verb."""
 
     name: str
@@ -63,8 +63,8 @@ class StreamAdverb:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Opened:
-    """A channel is open, or shows another verb from now on.
+class ChannelOpened:
+    """A channel is open, or has switched to another verb; also the description of a channel.
 
     Parameters
     ----------
@@ -74,21 +74,21 @@ class Opened:
     method : str
     skeleton : Skeleton
         In the channel's frame; without tips.
-    adverbs : tuple of StreamAdverb
+    adverbs : tuple of ChannelAdverb
         In the order of binary messages.
     joints : tuple of str
-        Those of a record, in its order.
+        Joints of a record, in its order.
     encoding, space, frame : str
     fps : int
     looping : bool
     keytimes : mapping of str to float
-        Canonical time of each.
+        Canonical time of each keytime.
     follow : (float, float) or None
-        Phases between which a held channel follows its goal.
+        Phases between which the effector of a held channel is on the goal.
     layout : Layout
-        Of its records.
+        Layout of its records.
     resumed : bool
-        Whether it went on from a session that had lost its connection.
+        Whether the channel belongs to a resumed session.
     """
 
     channel: int
@@ -96,7 +96,7 @@ class Opened:
     version: int
     method: str
     skeleton: Skeleton
-    adverbs: tuple[StreamAdverb, ...]
+    adverbs: tuple[ChannelAdverb, ...]
     joints: tuple[str, ...]
     encoding: str
     space: str
@@ -110,8 +110,8 @@ class Opened:
 
 
 @dataclass(frozen=True, slots=True)
-class Published:
-    """A new version of a channel's verb is shown from now on."""
+class VersionChanged:
+    """A channel has changed to a new version of its verb."""
 
     channel: int
     version: int
@@ -119,7 +119,7 @@ class Published:
 
 
 @dataclass(frozen=True, slots=True)
-class Passed:
+class KeytimePassed:
     """A channel passed a keytime."""
 
     channel: int
@@ -128,147 +128,161 @@ class Passed:
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class MotionEnded:
     """A channel's motion reached its end and holds there."""
 
     channel: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rejected:
-    """The server refused something; the session goes on."""
+class CommandRejected:
+    """The server rejected a message; the session continues."""
 
     channel: int | None
-    error: Refused
+    error: ResponseError
 
 
 @dataclass(frozen=True, slots=True)
-class Draining:
-    """The server is about to stop; the stream comes back by itself."""
+class ServerDraining:
+    """The server is about to stop; the stream reconnects automatically."""
 
     detail: str
     reconnect_after_s: float
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
-    """The connection broke; the stream tries to come back by itself."""
+class ConnectionLost:
+    """The connection is lost; the stream reconnects automatically."""
 
     detail: str
     close_code: int | None
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """The stream is connected again: the session goes on (``resumed``), or its channels were opened anew."""
+class ConnectionRestored:
+    """The stream is connected again; its session is resumed, or its channels are opened in a new one."""
 
     resumed: bool
-    away_s: float
+    outage_s: float
 
 
 @dataclass(frozen=True, slots=True)
-class Closed:
-    """The stream is closed and does not come back; the last of all notes."""
+class StreamEnded:
+    """The stream is closed for good; the last of all events."""
 
     detail: str
     close_code: int | None
 
 
-Text = Hello | Pong | Opened | Published | Passed | Ended | Rejected | Draining
-Note = Opened | Published | Passed | Ended | Rejected | Draining | Lost | Found | Closed
-"""What a stream tells apart from poses."""
+ServerMessage = (
+    Hello | Pong | ChannelOpened | VersionChanged | KeytimePassed | MotionEnded | CommandRejected | ServerDraining
+)
+StreamEvent = (
+    ChannelOpened
+    | VersionChanged
+    | KeytimePassed
+    | MotionEnded
+    | CommandRejected
+    | ServerDraining
+    | ConnectionLost
+    | ConnectionRestored
+    | StreamEnded
+)
+"""Everything that a stream reports besides poses."""
 
 
-def read_text(content: str) -> Text | None:
-    """Read a text message from the server.
+def parse_message(content: str) -> ServerMessage | None:
+    """Parse a text message from the server.
 
     Returns
     -------
-    Text or None
-        None where the ``op`` is not known: a newer server may have more to say.
+    ServerMessage or None
+        None where the ``op`` is unknown, as in messages of a newer server.
 
     Raises
     ------
     DecodeError
-        If it is no JSON object with an ``op``, or a field is missing or of another type.
+        If the message is not a JSON object with an ``op``, or a field is missing or of the wrong type.
     """
     try:
-        told = json.loads(content)
-        read = _READERS.get(told["op"])
-        return None if read is None else read(told)
+        fields = json.loads(content)
+        parse = _PARSERS.get(fields["op"])
+        return None if parse is None else parse(fields)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, RecursionError, OverflowError) as err:
-        raise DecodeError(f"a message that cannot be read: {type(err).__name__}: {err}"[:500]) from err
+        raise DecodeError(f"malformed message: {type(err).__name__}: {err}"[:500]) from err
 
 
-def _hello(told: Json) -> Hello:
-    return Hello(str(told["session"]), int(told["server_time_ns"]), int(told["max_channels"]), _finite(told["grace_s"]))
-
-
-def _pong(told: Json) -> Pong:
-    return Pong(_finite(told["t"]), int(told["server_time_ns"]))
-
-
-def _opened(told: Json) -> Opened:
-    joints = tuple(str(name) for name in told["joints"])
-    follow = told["follow"]
-    fps = _finite(told["fps"])
-    if not fps > 0.0:
-        raise ValueError(f"fps {fps}")
-    return Opened(
-        int(told["channel"]),
-        str(told["verb"]),
-        int(told["version"]),
-        str(told["method"]),
-        Skeleton.from_json(told["skeleton"]),
-        tuple(_adverb(row) for row in told["adverbs"]),
-        joints,
-        str(told["encoding"]),
-        str(told["space"]),
-        str(told["frame"]),
-        fps,
-        bool(told["looping"]),
-        {str(row["name"]): _finite(row["phase"]) for row in told["keytimes"]},
-        None if follow is None else (_finite(follow[0]), _finite(follow[1])),
-        Layout.promised(told["encoding"], len(joints), int(told["record_bytes"])),
-        bool(told["resumed"]),
+def _hello(fields: Json) -> Hello:
+    return Hello(
+        str(fields["session"]), int(fields["server_time_ns"]), int(fields["max_channels"]), _finite(fields["grace_s"])
     )
 
 
-def _adverb(row: Json) -> StreamAdverb:
-    return StreamAdverb(str(row["name"]), str(row["unit"]), float(row["min"]), float(row["max"]), bool(row["style"]))
+def _pong(fields: Json) -> Pong:
+    return Pong(_finite(fields["t"]), int(fields["server_time_ns"]))
 
 
-def _published(told: Json) -> Published:
-    return Published(int(told["channel"]), int(told["version"]), int(told["record_bytes"]))
+def _opened(fields: Json) -> ChannelOpened:
+    joints = tuple(str(name) for name in fields["joints"])
+    follow = fields["follow"]
+    fps = _finite(fields["fps"])
+    if not fps > 0.0:
+        raise ValueError(f"fps {fps}")
+    return ChannelOpened(
+        int(fields["channel"]),
+        str(fields["verb"]),
+        int(fields["version"]),
+        str(fields["method"]),
+        Skeleton.from_json(fields["skeleton"]),
+        tuple(_adverb(row) for row in fields["adverbs"]),
+        joints,
+        str(fields["encoding"]),
+        str(fields["space"]),
+        str(fields["frame"]),
+        fps,
+        bool(fields["looping"]),
+        {str(row["name"]): _finite(row["phase"]) for row in fields["keytimes"]},
+        None if follow is None else (_finite(follow[0]), _finite(follow[1])),
+        Layout.from_opened(fields["encoding"], len(joints), int(fields["record_bytes"])),
+        bool(fields["resumed"]),
+    )
 
 
-def _passed(told: Json) -> Passed:
-    return Passed(int(told["channel"]), str(told["name"]), _finite(told["phase"]))
+def _adverb(row: Json) -> ChannelAdverb:
+    return ChannelAdverb(str(row["name"]), str(row["unit"]), float(row["min"]), float(row["max"]), bool(row["style"]))
 
 
-def _rejected(told: Json) -> Rejected:
-    channel, code = told.get("channel"), str(told["code"])
+def _version_changed(fields: Json) -> VersionChanged:
+    return VersionChanged(int(fields["channel"]), int(fields["version"]), int(fields["record_bytes"]))
+
+
+def _keytime_passed(fields: Json) -> KeytimePassed:
+    return KeytimePassed(int(fields["channel"]), str(fields["name"]), _finite(fields["phase"]))
+
+
+def _rejected(fields: Json) -> CommandRejected:
+    channel, code = fields.get("channel"), str(fields["code"])
     channel = None if channel is None else int(channel)
-    known = told.get("known")
+    known = fields.get("known")
     names = tuple(str(name) for name in known) if isinstance(known, list) else ()
-    error = refusal(code)(str(told["detail"]), code=code, channel=channel, known=names)
-    return Rejected(channel, error)
+    error = error_class(code)(str(fields["detail"]), code=code, channel=channel, known=names)
+    return CommandRejected(channel, error)
 
 
 def _finite(number: Any) -> float:
     found = float(number)
-    if not math.isfinite(found):  # Python's JSON lets them pass
-        raise ValueError(f"{found} where a number should be")
+    if not math.isfinite(found):  # Python's JSON parser accepts NaN and Infinity
+        raise ValueError(f"expected a finite number, got {found}")
     return found
 
 
-_READERS: dict[str, Callable[[Json], Text]] = {
+_PARSERS: dict[str, Callable[[Json], ServerMessage]] = {
     "hello": _hello,
     "pong": _pong,
     "opened": _opened,
-    "version": _published,
-    "event": _passed,
-    "end": lambda told: Ended(int(told["channel"])),
+    "version": _version_changed,
+    "event": _keytime_passed,
+    "end": lambda fields: MotionEnded(int(fields["channel"])),
     "error": _rejected,
-    "drain": lambda told: Draining(str(told["detail"]), _finite(told["reconnect_after_s"])),
+    "drain": lambda fields: ServerDraining(str(fields["detail"]), _finite(fields["reconnect_after_s"])),
 }

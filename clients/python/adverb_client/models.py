@@ -1,4 +1,4 @@
-"""What REST answers, as frozen dataclasses. ``parsing`` builds them."""
+"""Responses of the REST API as frozen dataclasses; ``parsing`` creates them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,18 @@ import numpy.typing as npt
 
 from adverb_client.skeleton import Skeleton
 
-__all__ = ["Adverb", "Event", "Example", "Health", "Pose", "Poses", "Sequence", "Skipped", "Verb", "VerbSummary"]
+__all__ = [
+    "Adverb",
+    "Example",
+    "Health",
+    "KeytimeEvent",
+    "Pose",
+    "Poses",
+    "Sequence",
+    "SkippedFile",
+    "Verb",
+    "VerbSummary",
+]
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -20,7 +31,7 @@ Json = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Adverb:
-    """One parameter of a verb: name, unit, range; ``style`` where the motion cannot be measured for it."""
+    """One parameter of a verb: name, unit, range; ``style`` marks one that cannot be measured in a motion."""
 
     name: str
     unit: str
@@ -32,7 +43,7 @@ class Adverb:
 
 @dataclass(frozen=True, slots=True)
 class VerbSummary:
-    """One verb of the list; ``duration_s`` is that of the shortest and of the longest example."""
+    """One verb of the list; ``duration_s`` has the shortest and the longest duration of its examples."""
 
     name: str
     version: int
@@ -56,7 +67,7 @@ class Example:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verb:
-    """All about one verb.
+    """Description of one verb.
 
     Parameters
     ----------
@@ -73,9 +84,9 @@ class Verb:
     measure : mapping
         How errors are measured: ``kind``, ``effector``, ``keytime``, ``adverbs``, ``unit``.
     quality : mapping
-        Figures that were measured when the verb was built.
-    told : mapping
-        The whole answer, with what has no field here (the domain's facets, …).
+        Quality figures that were measured when the verb was built.
+    info : mapping
+        The whole JSON response, including fields without an attribute here (the domain's facets, …).
     """
 
     name: str
@@ -90,7 +101,7 @@ class Verb:
     default_method: str
     measure: Json
     quality: Json
-    told: Json
+    info: Json
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,19 +113,19 @@ class Pose:
     verb : str
     version : int
     phase, time_s, duration_s : float
-        Canonical time; seconds from the start; seconds of the whole motion, or of one cycle.
+        Canonical time; seconds from the start; duration of the whole motion, or of one cycle, seconds.
     root : (3,) float32
         Position of the root joint, metres.
     rotations : (J, 4) float32
-        Unit quaternions x, y, z, w, in the space and of the joints that were asked for.
+        Unit quaternions x, y, z, w, in the requested space and of the requested joints.
     error : float or None
-        Distance between what was asked and what is reached, metres (or the measure's unit); None: not measured.
+        Distance between requested and measured adverbs, metres (or the measure's unit); None where not measured.
     clamped : bool
-        Whether the adverbs were drawn back to the domain.
+        Whether the adverbs were clamped to the domain.
     method, measured, positions, root_velocity, weights, met, tried
-        Told in full answers only, else None: the method; what the measured adverbs come to; in global space the
-        joints' positions (J, 3), metres; of a striding root sideways and forward, m/s, and turn, rad/s, (3,); the
-        examples' weights (E,); whether the error is within what was asked; what was done for it.
+        In full responses only, else None: the method; the measured adverbs; in global space the joints' positions
+        (J, 3), metres; of a locomotion root sideways and forward velocity, m/s, and yaw rate, rad/s, (3,); the
+        examples' weights (E,); whether the error is within ``max_error``; the methods that were tried.
     """
 
     verb: str
@@ -137,7 +148,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
-    """Many poses, column by column; ``poses[k]`` is one of them.
+    """Many poses as columns; ``poses[k]`` is one of them.
 
     Parameters
     ----------
@@ -150,7 +161,7 @@ class Poses:
         NaN where nothing is measured.
     clamped : (B,) bool
     method, measured, positions, root_velocity, weights
-        As of :class:`Pose`, with a leading axis (B).
+        As in :class:`Pose`, with a leading axis (B).
     """
 
     verb: str
@@ -195,8 +206,8 @@ class Poses:
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
-    """A keytime that passes: name, canonical time, seconds."""
+class KeytimeEvent:
+    """A keytime in a motion: name, canonical time, seconds from the start."""
 
     name: str
     phase: float
@@ -213,16 +224,16 @@ class Sequence:
     version : int
     fps : float
     duration_s : float
-        Of the motion, all cycles; of a track, of its frames.
+        Duration of the motion with all cycles, or of a track's frames.
     phases, times_s : (F,) float64
     root : (F, 3) float32
     rotations : (F, J, 4) float32
     errors : (F,) float64
         NaN where nothing is measured.
     clamped : bool
-        Whether the adverbs of any frame were drawn back to the domain.
+        Whether the adverbs of any frame were clamped to the domain.
     method, measured, events, positions, root_velocity, weights
-        Told in full answers only, else None. Weights are (1, E), or of a track (F, E).
+        In full responses only, else None. Weights are (1, E), or (F, E) along a track.
     """
 
     verb: str
@@ -237,7 +248,7 @@ class Sequence:
     clamped: bool
     method: str | None = None
     measured: Mapping[str, float] | None = None
-    events: tuple[Event, ...] | None = None
+    events: tuple[KeytimeEvent, ...] | None = None
     positions: F32 | None = None
     root_velocity: F32 | None = None
     weights: F64 | None = None
@@ -252,8 +263,8 @@ class Sequence:
 
 
 @dataclass(frozen=True, slots=True)
-class Skipped:
-    """A file that the server cannot serve, and why."""
+class SkippedFile:
+    """A file that the server cannot load, and the reason."""
 
     file: str
     problem: str
@@ -261,8 +272,8 @@ class Skipped:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The server is ready: how many verbs it serves, and which files it cannot."""
+    """Readiness: the number of verbs, and the files that could not be loaded."""
 
     ready: bool
     verbs: int
-    skipped: tuple[Skipped, ...]
+    skipped: tuple[SkippedFile, ...]

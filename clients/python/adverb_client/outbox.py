@@ -1,4 +1,4 @@
-"""What waits to be sent: latest wins, from any thread."""
+"""Queue of outgoing messages, thread-safe; a newer message replaces an unsent one with the same key."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ __all__ = ["Outbox"]
 
 
 class Outbox:
-    """Messages in the order in which they were last changed.
+    """Outgoing messages in the order of their last change.
 
-    A message with a key replaces one with the same key that is not sent yet: of two aims the newer counts, and of two
-    sets what either says. So it never holds more than two messages a channel and the questions that somebody waits for.
+    A message replaces an unsent one with the same key; the fields of two ``set`` messages are merged. So the queue
+    holds at most two messages per channel and the requests that have an answer.
 
     Parameters
     ----------
     loop : asyncio.AbstractEventLoop
-        Where messages are taken.
+        The loop in which messages are taken.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -32,7 +32,7 @@ class Outbox:
         self._lock = threading.Lock()
 
     def put(self, key: tuple[str, int] | None, message: Mapping[str, Any] | bytes) -> None:
-        """Add a message; a key of None is that of no other."""
+        """Add a message; with key None it replaces no other."""
         key = key or ("", next(self._numbers))
         with self._lock:
             old = self._messages.pop(key, None)
@@ -43,12 +43,12 @@ class Outbox:
             self._loop.call_soon_threadsafe(self._filled.set)
 
     def clear(self) -> None:
-        """Forget what is not sent."""
+        """Discard all unsent messages."""
         with self._lock:
             self._messages.clear()
 
     async def take(self) -> list[str | bytes]:
-        """Wait for messages, and take all that there are, as they go over the wire."""
+        """Wait for messages and take all of them, encoded as text or binary messages."""
         await self._filled.wait()
         self._filled.clear()
         with self._lock:

@@ -1,4 +1,4 @@
-"""JSON and binary records → answers. What does not fit is a :class:`DecodeError`."""
+"""Parses JSON and binary records to models; malformed input raises :class:`DecodeError`."""
 
 from __future__ import annotations
 
@@ -10,13 +10,24 @@ import numpy as np
 import numpy.typing as npt
 
 from adverb_client.errors import DecodeError
-from adverb_client.models import Adverb, Event, Example, Health, Pose, Poses, Sequence, Skipped, Verb, VerbSummary
+from adverb_client.models import (
+    Adverb,
+    Example,
+    Health,
+    KeytimeEvent,
+    Pose,
+    Poses,
+    Sequence,
+    SkippedFile,
+    Verb,
+    VerbSummary,
+)
 from adverb_client.records import CLAMPED, LAST
 from adverb_client.skeleton import Skeleton
 
 __all__ = [
     "health",
-    "parsed",
+    "parse_json",
     "pose",
     "pose_of_records",
     "poses",
@@ -32,21 +43,21 @@ Json = Mapping[str, Any]
 Records = npt.NDArray[np.void]
 
 
-def parsed(content: bytes, build: Callable[[Any], T]) -> T:
-    """Read JSON and build an answer of it.
+def parse_json(content: bytes, build: Callable[[Any], T]) -> T:
+    """Parse JSON and build a model of it.
 
     Raises
     ------
     DecodeError
-        If it is no JSON, or something that the answer needs is missing or of another shape.
+        If the content is not JSON, or a required field is missing or of the wrong type or shape.
     """
     try:
         return build(json.loads(content))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, RecursionError, OverflowError) as err:
-        raise DecodeError(f"an answer that cannot be read: {type(err).__name__}: {err}"[:500]) from err
+        raise DecodeError(f"malformed response: {type(err).__name__}: {err}"[:500]) from err
 
 
-def verbs(told: Json) -> tuple[VerbSummary, ...]:
+def verbs(fields: Json) -> tuple[VerbSummary, ...]:
     """The list of verbs."""
     return tuple(
         VerbSummary(
@@ -60,64 +71,64 @@ def verbs(told: Json) -> tuple[VerbSummary, ...]:
             (row["duration"]["min"], row["duration"]["max"]),
             row["default_method"],
         )
-        for row in told["verbs"]
+        for row in fields["verbs"]
     )
 
 
-def verb(told: Json) -> Verb:
-    """All about one verb."""
+def verb(fields: Json) -> Verb:
+    """Description of one verb."""
     return Verb(
-        told["name"],
-        told["version"],
-        told["description"],
-        told["looping"],
+        fields["name"],
+        fields["version"],
+        fields["description"],
+        fields["looping"],
         tuple(
             Adverb(row["name"], row["unit"], row["min"], row["max"], row["style"], row.get("description", ""))
-            for row in told["adverbs"]
+            for row in fields["adverbs"]
         ),
-        Skeleton.from_json(told["skeleton"]),
-        tuple(Example(row["name"], row["adverbs"], tuple(row["keytimes"])) for row in told["examples"]),
-        dict(zip(told["keytime_names"], told["keytime_phases"], strict=True)),
-        tuple(told["methods"]),
-        told["default_method"],
-        told["measure"],
-        told["quality"],
-        told,
+        Skeleton.from_json(fields["skeleton"]),
+        tuple(Example(row["name"], row["adverbs"], tuple(row["keytimes"])) for row in fields["examples"]),
+        dict(zip(fields["keytime_names"], fields["keytime_phases"], strict=True)),
+        tuple(fields["methods"]),
+        fields["default_method"],
+        fields["measure"],
+        fields["quality"],
+        fields,
     )
 
 
-def health(told: Json) -> Health:
+def health(fields: Json) -> Health:
     """Readiness."""
-    skipped = tuple(Skipped(row["file"], row["problem"]) for row in told.get("skipped", ()))
-    return Health(told["ready"], told["verbs"], skipped)
+    skipped = tuple(SkippedFile(row["file"], row["problem"]) for row in fields.get("skipped", ()))
+    return Health(fields["ready"], fields["verbs"], skipped)
 
 
-def pose(told: Json) -> Pose:
+def pose(fields: Json) -> Pose:
     """One pose of JSON."""
-    tried = told.get("tried")
+    tried = fields.get("tried")
     return Pose(
-        told["verb"],
-        told["version"],
-        told["phase"],
-        told["time"],
-        told["duration"],
-        _f32(told["root"], (3,)),
-        _f32(told["rotations"], (-1, 4)),
-        told["error"],
-        told["clamped"],
-        told["method"],
-        told["measured"],
-        _where_told(told, "positions", (-1, 3)),
-        _where_told(told, "root_velocity", (3,)),
-        _weights(told),
-        told.get("met"),
+        fields["verb"],
+        fields["version"],
+        fields["phase"],
+        fields["time"],
+        fields["duration"],
+        _f32(fields["root"], (3,)),
+        _f32(fields["rotations"], (-1, 4)),
+        fields["error"],
+        fields["clamped"],
+        fields["method"],
+        fields["measured"],
+        _optional(fields, "positions", (-1, 3)),
+        _optional(fields, "root_velocity", (3,)),
+        _weights(fields),
+        fields.get("met"),
         None if tried is None else tuple(tried),
     )
 
 
-def poses(told: Json) -> Poses:
-    """Many poses of JSON, turned into columns."""
-    rows = [pose(row) for row in told["poses"]]
+def poses(fields: Json) -> Poses:
+    """Many poses of JSON, as columns."""
+    rows = [pose(row) for row in fields["poses"]]
 
     def column(name: str) -> Any:
         values = [getattr(row, name) for row in rows]
@@ -128,8 +139,8 @@ def poses(told: Json) -> Poses:
 
     measured = {name: np.array([(row.measured or {})[name] for row in rows]) for name in rows[0].measured or {}}
     return Poses(
-        told["verb"],
-        told["version"],
+        fields["verb"],
+        fields["version"],
         numbers("phase"),
         numbers("time_s"),
         numbers("duration_s"),
@@ -137,7 +148,7 @@ def poses(told: Json) -> Poses:
         column("rotations"),
         numbers("error"),
         np.array([row.clamped for row in rows], bool),
-        told["method"],
+        fields["method"],
         measured,
         column("positions"),
         column("root_velocity"),
@@ -145,27 +156,27 @@ def poses(told: Json) -> Poses:
     )
 
 
-def sequence(told: Json) -> Sequence:
+def sequence(fields: Json) -> Sequence:
     """A whole motion of JSON."""
-    frames = told["frames"]
-    errors = told.get("errors") or [told["error"]] * frames
+    frames = fields["frames"]
+    errors = fields.get("errors") or [fields["error"]] * frames
     return Sequence(
-        told["verb"],
-        told["version"],
-        told["fps"],
-        told["duration"],
-        np.array(told["phases"], np.float64).reshape(frames),
-        np.array(told["times"], np.float64).reshape(frames),
-        _f32(told["root"], (frames, 3)),
-        _f32(told["rotations"], (frames, -1, 4)),
+        fields["verb"],
+        fields["version"],
+        fields["fps"],
+        fields["duration"],
+        np.array(fields["phases"], np.float64).reshape(frames),
+        np.array(fields["times"], np.float64).reshape(frames),
+        _f32(fields["root"], (frames, 3)),
+        _f32(fields["rotations"], (frames, -1, 4)),
         np.array([np.nan if error is None else error for error in errors], np.float64).reshape(frames),
-        told["clamped"],
-        told["method"],
-        told["measured"],
-        tuple(Event(row["name"], row["phase"], row["time"]) for row in told["events"]),
-        _where_told(told, "positions", (frames, -1, 3)),
-        _where_told(told, "root_velocity", (frames, 3)),
-        _weights(told),
+        fields["clamped"],
+        fields["method"],
+        fields["measured"],
+        tuple(KeytimeEvent(row["name"], row["phase"], row["time"]) for row in fields["events"]),
+        _optional(fields, "positions", (frames, -1, 3)),
+        _optional(fields, "root_velocity", (frames, 3)),
+        _weights(fields),
     )
 
 
@@ -175,7 +186,7 @@ def pose_of_records(verb: str, rows: Records) -> Pose:
 
 
 def poses_of_records(verb: str, rows: Records) -> Poses:
-    """Many poses of binary records, as views of what was received."""
+    """Many poses of binary records, as views of the received bytes."""
     return Poses(
         verb,
         int(rows["version"][0]),
@@ -198,10 +209,10 @@ def sequence_of_records(verb: str, rows: Records, *, fps: float, cycles: int | N
     rows : (F,) records
     fps : float
     cycles : int or None
-        Of a motion at constant adverbs, whose duration every record tells; None of a track.
+        Number of cycles of a motion at constant adverbs; None for a track.
     """
     if not rows["flags"][-1] & LAST:
-        raise DecodeError("the last record of a sequence is not flagged so; the answer was cut")
+        raise DecodeError("the last record of a sequence lacks the flag `last`; the response is truncated")
     duration_s = float(rows["time"][-1]) if cycles is None else float(rows["duration"][0]) * cycles
     return Sequence(
         verb,
@@ -221,9 +232,9 @@ def _f32(numbers: Any, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
     return np.array(numbers, np.float32).reshape(shape)
 
 
-def _where_told(told: Json, name: str, shape: tuple[int, ...]) -> npt.NDArray[np.float32] | None:
-    return None if told.get(name) is None else _f32(told[name], shape)
+def _optional(fields: Json, name: str, shape: tuple[int, ...]) -> npt.NDArray[np.float32] | None:
+    return None if fields.get(name) is None else _f32(fields[name], shape)
 
 
-def _weights(told: Json) -> npt.NDArray[np.float64] | None:
-    return None if told.get("weights") is None else np.array(told["weights"], np.float64)
+def _weights(fields: Json) -> npt.NDArray[np.float64] | None:
+    return None if fields.get("weights") is None else np.array(fields["weights"], np.float64)

@@ -1,4 +1,4 @@
-"""Unit quaternions x, y, z, w: the little that a client needs, over any leading axes."""
+"""Operations on unit quaternions x, y, z, w, over any leading axes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ F64 = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.floating[Any]]
 
 SMALL_ANGLE_RAD = 1e-4
-"""Below it an arc is a straight line to within what float32 holds."""
+"""Below it an arc is a straight line within the precision of float32."""
 
 
 def mul(first: Numbers, second: Numbers) -> F64:
-    """The rotation that turns by ``second`` and then by ``first``, both (..., 4)."""
+    """Product (..., 4): the rotation by ``second``, then by ``first``, both (..., 4)."""
     ax, ay, az, aw = np.moveaxis(np.asarray(first, np.float64), -1, 0)
     bx, by, bz, bw = np.moveaxis(np.asarray(second, np.float64), -1, 0)
     return np.stack(
@@ -32,7 +32,7 @@ def mul(first: Numbers, second: Numbers) -> F64:
 
 
 def rotate(rotations: Numbers, vectors: Numbers) -> F64:
-    """Vectors (..., 3), turned by rotations (..., 4)."""
+    """Vectors (..., 3) rotated by rotations (..., 4)."""
     qx, qy, qz, qw = np.moveaxis(np.asarray(rotations, np.float64), -1, 0)
     x, y, z = np.moveaxis(np.asarray(vectors, np.float64), -1, 0)
     tx, ty, tz = 2.0 * (qy * z - qz * y), 2.0 * (qz * x - qx * z), 2.0 * (qx * y - qy * x)
@@ -42,13 +42,13 @@ def rotate(rotations: Numbers, vectors: Numbers) -> F64:
 
 
 def slerp(start: Numbers, end: Numbers, share: float | Numbers) -> F64:
-    """The way from one rotation to another at constant speed, the shorter way round.
+    """Spherical linear interpolation on the shorter arc.
 
     Parameters
     ----------
     start, end : (..., 4)
     share : float or (...)
-        0 is the start, 1 the end; beyond 1 the turning goes on.
+        0 is the start, 1 the end; above 1 extrapolates.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def slerp(start: Numbers, end: Numbers, share: float | Numbers) -> F64:
     """
     a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
     along = (a * b).sum(-1, keepdims=True)
-    b = np.where(along < 0.0, -b, b)  # q and -q are one rotation
+    b = np.where(along < 0.0, -b, b)  # q and -q are the same rotation
     angle = np.arccos(np.minimum(np.abs(along), 1.0))
     shares = np.asarray(share, np.float64)[..., None]
     straight = angle < SMALL_ANGLE_RAD

@@ -1,4 +1,4 @@
-"""Pose records, the 24-byte head and its payloads, as NumPy reads them. ``docs/wire.md`` is the specification."""
+"""Pose records: the 24-byte header and its payloads as NumPy dtypes. Specification: ``docs/wire.md``."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ __all__ = [
     "CLAMPED",
     "ENCODINGS",
     "F32",
-    "HEAD",
+    "HEADER",
     "IN_TRANSITION",
     "LAST",
     "NEW_VERSION",
     "Q48",
     "WEIGHTS",
-    "joints_of",
-    "read_records",
-    "record_of",
-    "rotations_from_q48",
+    "decode_q48",
+    "joint_count",
+    "parse_records",
+    "record_dtype",
 ]
 
-HEAD = np.dtype(
+HEADER = np.dtype(
     [
         ("channel", "<u2"),
         ("encoding", "u1"),
@@ -38,35 +38,35 @@ HEAD = np.dtype(
         ("duration", "<f4"),
     ]
 )
-"""The 24 bytes that every record starts with."""
+"""Header of every record, 24 bytes."""
 
 CLAMPED, IN_TRANSITION, NEW_VERSION, LAST = 1, 2, 4, 8
-"""Bits of ``flags``; others are ignored."""
+"""Bits of ``flags``; unknown bits are ignored."""
 
 F32, Q48, WEIGHTS = 0, 1, 2
-"""Encodings, as they stand in the head."""
+"""Encodings, as numbered in the header."""
 
 ENCODINGS = {"f32": F32, "q48": Q48, "weights": WEIGHTS}
-"""By the names that ``open`` and ``opened`` use."""
+"""Encodings by their names in ``open`` and ``opened``."""
 
 _Q48_STEPS = 16_383
 _Q48_SCALE = 1.0 / (_Q48_STEPS * math.sqrt(2.0))
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-"""Row k: the components that are kept where k is left out."""
+"""Row k: the components that are stored where component k is omitted."""
 
 Records = npt.NDArray[np.void]
 
 
 @lru_cache(maxsize=256)
-def record_of(encoding: int, count: int) -> np.dtype[np.void]:
-    """A whole record: head, payload, padding.
+def record_dtype(encoding: int, count: int) -> np.dtype[np.void]:
+    """The dtype of a whole record: header, payload, padding.
 
     Parameters
     ----------
     encoding : int
         One of ``F32``, ``Q48``, ``WEIGHTS``.
     count : int
-        Joints; of ``WEIGHTS``: examples.
+        Number of joints; for ``WEIGHTS``: of examples.
     """
     fields: list[tuple[str, str, tuple[int, ...]]]
     if encoding == WEIGHTS:
@@ -75,16 +75,16 @@ def record_of(encoding: int, count: int) -> np.dtype[np.void]:
         fields = [("root", "<f4", (3,)), ("words", "<u2", (count, 3)), ("padding", "<u2", (count % 2,))]
     else:
         fields = [("root", "<f4", (3,)), ("rotations", "<f4", (count, 4))]
-    return np.dtype([*HEAD.descr, *fields])
+    return np.dtype([*HEADER.descr, *fields])
 
 
-def joints_of(content: bytes, records: int) -> int:
-    """How many joints so many f32 records are of, by their length alone.
+def joint_count(content: bytes, records: int) -> int:
+    """Number of joints of f32 records, derived from the length of all of them.
 
     Raises
     ------
     DecodeError
-        If there is no such number.
+        If the length fits no number of joints.
     """
     joints, rest = divmod(len(content) - 36 * records, 16 * records) if records else (0, 1)
     if rest or joints < 1:
@@ -92,8 +92,8 @@ def joints_of(content: bytes, records: int) -> int:
     return joints
 
 
-def read_records(content: bytes, joints: int) -> Records:
-    """What REST answers: f32 records, one after the other.
+def parse_records(content: bytes, joints: int) -> Records:
+    """Parse the f32 records of a REST response.
 
     Parameters
     ----------
@@ -103,33 +103,33 @@ def read_records(content: bytes, joints: int) -> Records:
     Returns
     -------
     (B,) structured
-        A read-only view; fields as of :data:`HEAD`, ``root`` (3,) and ``rotations`` (J, 4).
+        A read-only view; fields of :data:`HEADER`, ``root`` (3,) and ``rotations`` (J, 4).
 
     Raises
     ------
     DecodeError
-        If the length does not fit, the encoding is another, or a number is not finite.
+        If the length does not fit, the encoding is not f32, or a number is not finite.
     """
-    layout = record_of(F32, joints)
+    layout = record_dtype(F32, joints)
     if not content or len(content) % layout.itemsize:
         raise DecodeError(
             f"{len(content)} bytes are not whole records of {joints} joints, {layout.itemsize} bytes each"
         )
     rows: Records = np.frombuffer(content, layout)
     if (rows["encoding"] != F32).any():
-        raise DecodeError(f"records of encoding {rows['encoding'].max()}, asked for {F32}")
+        raise DecodeError(f"records of encoding {rows['encoding'].max()}; expected {F32}")
     if not (np.isfinite(rows["root"]).all() and np.isfinite(rows["rotations"]).all()):
-        raise DecodeError("records with numbers that are not finite")
+        raise DecodeError("non-finite numbers in records")
     return rows
 
 
-def rotations_from_q48(words: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
-    """Smallest three: words (..., 3) → unit quaternions (..., 4)."""
-    left_out = (words[..., :1] >> 15).astype(np.intp) + 2 * (words[..., 1:2] >> 15)
+def decode_q48(words: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
+    """Decode q48, "smallest three": words (..., 3) to unit quaternions (..., 4)."""
+    omitted = (words[..., :1] >> 15).astype(np.intp) + 2 * (words[..., 1:2] >> 15)
     kept = ((words & 0x7FFF).astype(np.float64) - _Q48_STEPS) * _Q48_SCALE
     largest = np.sqrt(np.maximum(0.0, 1.0 - (kept * kept).sum(-1, keepdims=True)))
     rotations = np.empty((*words.shape[:-1], 4))
-    np.put_along_axis(rotations, _OTHERS[left_out[..., 0]], kept, -1)
-    np.put_along_axis(rotations, left_out, largest, -1)
-    rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)  # only noise can be longer than 1
+    np.put_along_axis(rotations, _OTHERS[omitted[..., 0]], kept, -1)
+    np.put_along_axis(rotations, omitted, largest, -1)
+    rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)  # only malformed input exceeds length 1
     return rotations.astype(np.float32)

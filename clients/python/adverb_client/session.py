@@ -1,6 +1,6 @@
-"""A session of a stream, without any network: messages in, notes, poses and messages to send out.
+"""The state of a stream's session, without I/O: takes messages, gives events, poses and messages to send.
 
-What a session is in: away (nothing can be sent) → joining (a resume was sent, its answer is not complete) → live.
+States: disconnected → resuming (``resume`` is sent, the answer is incomplete) → live.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from adverb_client.channel import Channel
 from adverb_client.clock import Clock, Lateness
 from adverb_client.errors import AdverbError, DecodeError, NotReady, UnknownSession
 from adverb_client.messages import (
-    Closed,
-    Draining,
-    Ended,
-    Found,
+    ChannelOpened,
+    CommandRejected,
+    ConnectionLost,
+    ConnectionRestored,
     Hello,
-    Lost,
-    Note,
-    Opened,
-    Passed,
+    KeytimePassed,
+    MotionEnded,
     Pong,
-    Published,
-    Rejected,
-    read_text,
+    ServerDraining,
+    StreamEnded,
+    StreamEvent,
+    VersionChanged,
+    parse_message,
 )
 from adverb_client.records import WEIGHTS
 from adverb_client.wire import Layout, decode_message
@@ -39,24 +39,24 @@ MAX_PINGS = 64
 
 @dataclass(slots=True)
 class Stats:
-    """What a stream has seen so far.
+    """Counters of a stream.
 
     Parameters
     ----------
     messages, records, bytes : int
-        Pose messages, records in them, and bytes of all messages that came.
+        Pose messages, records in them, and bytes of all received messages.
     gaps, missing : int
-        How often sequence numbers jumped, and how many of them never came.
+        Jumps of the sequence number, and the sequence numbers that are missing.
     stale : int
-        Pose messages that came after a newer one; they are not shown.
+        Pose messages that arrived after a newer one and were ignored.
     dropped : int
-        Messages that the server had and did not send, or that were lost with a connection, as it says itself.
+        Messages that the server reports as not sent, or as lost with a connection.
     decode_errors : int
-        Messages that could not be read; ``last_error`` says why.
+        Malformed messages; ``last_error`` is the reason of the last one.
     reconnects, resumes : int
-        Connections after the first, and those of them that found the session again.
-    notes_dropped : int
-        Notes that nobody fetched in time.
+        Connections after the first, and those of them that resumed the session.
+    events_dropped : int
+        Events that were discarded because the queue was full.
     """
 
     messages: int = 0
@@ -69,7 +69,7 @@ class Stats:
     decode_errors: int = 0
     reconnects: int = 0
     resumes: int = 0
-    notes_dropped: int = 0
+    events_dropped: int = 0
     last_error: str = ""
 
 
@@ -79,84 +79,84 @@ class Session:
     Parameters
     ----------
     send : callable
-        Takes messages, in order; called while there is a connection only.
-    note : callable
-        Takes what is worth knowing.
+        Sends a message; called only while there is a connection.
+    emit : callable
+        Takes events.
     lateness : Lateness
         Shared with the channels' jitter buffers.
     """
 
     def __init__(
-        self, *, send: Callable[[Mapping[str, Any]], None], note: Callable[[Note], None], lateness: Lateness
+        self, *, send: Callable[[Mapping[str, Any]], None], emit: Callable[[StreamEvent], None], lateness: Lateness
     ) -> None:
         self.channels: dict[int, Channel] = {}
         self.clock, self.lateness, self.stats = Clock(), lateness, Stats()
         self.hello: Hello | None = None
         self.live = False
         self.last_age_s = math.nan
-        self.waiting: dict[int, Callable[[AdverbError | None], None]] = {}  # open or switch that is not answered yet
-        self._send, self._note = send, note
-        self._name = ""
+        self.pending: dict[int, Callable[[AdverbError | None], None]] = {}  # open or switch without an answer
+        self._send, self._emit = send, emit
+        self._session_id = ""
         self._layouts: dict[int, Layout] = {}
         self._sequence, self._dropped_before = 0, 0
         self._confirmed: set[int] = set()
-        self._unready: set[int] = set()
+        self._not_ready: set[int] = set()
         self._tokens = itertools.count(1)
         self._pings: dict[int, tuple[float, Callable[[float], None] | None]] = {}
         self._barrier: int | None = None
-        self._away_since_s: float | None = None
+        self._disconnected_at_s: float | None = None
 
     # --- connections ---
 
-    def greeted(self, hello: Hello, now_s: float) -> None:
-        """A connection is there: resume the session, or begin one."""
+    def connected(self, hello: Hello, now_s: float) -> None:
+        """Handle a new connection: resume the session, or start one."""
         self.hello = hello
-        self.lateness.clear()  # another connection may be another way through the network
-        if self._name and self.channels:
+        self.lateness.clear()  # another connection may take another route
+        if self._session_id and self.channels:
             self._confirmed.clear()
-            self._send({"op": "resume", "session": self._name, "last_seq": self._sequence})
-            self._barrier = self.ping(now_s)  # whatever resume has to say comes before this comes back
+            self._send({"op": "resume", "session": self._session_id, "last_seq": self._sequence})
+            self._barrier = self.ping(now_s)  # its pong follows the whole answer to resume
         else:
             self._begin(hello, now_s)
 
-    def lost(self, detail: str, close_code: int | None, now_s: float) -> None:
-        """The connection is gone."""
+    def disconnected(self, detail: str, close_code: int | None, now_s: float) -> None:
+        """Handle the loss of the connection."""
         if self.live:
-            self._note(Lost(detail, close_code))
+            self._emit(ConnectionLost(detail, close_code))
         self.live, self._barrier = False, None
-        self._unready.clear()
-        if self._away_since_s is None and self._name:
-            self._away_since_s = now_s
+        self._not_ready.clear()
+        if self._disconnected_at_s is None and self._session_id:
+            self._disconnected_at_s = now_s
         self._pings.clear()
 
-    def closed(self, detail: str, close_code: int | None, error: AdverbError) -> None:
-        """The stream is over; whoever waits is told so."""
+    def close(self, detail: str, close_code: int | None, error: AdverbError) -> None:
+        """End the stream; pending requests fail with the error."""
         self.live = False
-        for channel in list(self.waiting):
+        for channel in list(self.pending):
             self._answer(channel, error)
-        self._note(Closed(detail, close_code))
+        self._emit(StreamEnded(detail, close_code))
 
     def _begin(self, hello: Hello, now_s: float) -> None:
-        """A session of its own, with all channels as they are wanted."""
+        """Start a new session and open all channels with their current settings."""
         self._dropped_before = self.stats.dropped
-        self._name, self._sequence = hello.session, 0
+        self._session_id, self._sequence = hello.session, 0
         self._layouts.clear()
         self.lateness.clear()
         self.clock.clear()
         self.live = True
         for channel in self.channels.values():
             self._reopen(channel)
-        self._back(now_s, resumed=False)
+        self._restored(now_s, resumed=False)
 
     def _reopen(self, channel: Channel) -> None:
-        channel.become()
+        channel.commit_switch()
         channel.buffer.restart()
-        self._send(channel.opening())
-        if not channel.whole and (changes := channel.changes()) is not None:
-            self._send(changes)  # an open takes all adverbs or none
+        self._send(channel.open_message())
+        if not channel.has_all_adverbs and (changes := channel.set_message()) is not None:
+            self._send(changes)  # `open` takes all adverbs or none
 
     def _join(self, now_s: float) -> None:
-        """The session goes on: bring what went on without us to what is wanted by now."""
+        """Go live after a resume: apply the current settings of all channels."""
         self.live = True
         for channel in self.channels.values():
             if channel.number not in self._confirmed:
@@ -164,22 +164,22 @@ class Session:
                 continue
             if channel.switch is not None:
                 self._send(channel.switch)
-            elif (changes := channel.changes()) is not None:
+            elif (changes := channel.set_message()) is not None:
                 self._send(changes)
-        self._back(now_s, resumed=True)
+        self._restored(now_s, resumed=True)
 
-    def _back(self, now_s: float, *, resumed: bool) -> None:
-        if self._away_since_s is None:
+    def _restored(self, now_s: float, *, resumed: bool) -> None:
+        if self._disconnected_at_s is None:
             return
         self.stats.reconnects += 1
         self.stats.resumes += resumed
-        self._note(Found(resumed, now_s - self._away_since_s))
-        self._away_since_s = None
+        self._emit(ConnectionRestored(resumed, now_s - self._disconnected_at_s))
+        self._disconnected_at_s = None
 
     # --- pings ---
 
     def ping(self, now_s: float, done: Callable[[float], None] | None = None) -> int:
-        """Send a ping; ``done`` is called with its round trip in seconds. Returns its number."""
+        """Send a ping and return its number; ``done`` is called with the round trip in seconds."""
         token = next(self._tokens)
         self._pings[token] = (now_s, done)
         if len(self._pings) > MAX_PINGS:
@@ -200,8 +200,8 @@ class Session:
 
     # --- messages ---
 
-    def received(self, content: str | bytes, now_s: float) -> None:
-        """Take a message from the server; one that cannot be read is counted and changes nothing."""
+    def receive(self, content: str | bytes, now_s: float) -> None:
+        """Handle a message from the server; a malformed one is counted and otherwise ignored."""
         self.stats.bytes += len(content)
         try:
             if isinstance(content, bytes):
@@ -211,8 +211,8 @@ class Session:
         except DecodeError as err:
             self.stats.decode_errors += 1
             self.stats.last_error = err.detail
-            if isinstance(content, str):  # it may have been what somebody waits for
-                for channel in list(self.waiting):
+            if isinstance(content, str):  # it may have been the answer to a pending request
+                for channel in list(self.pending):
                     self._answer(channel, err)
 
     def _poses(self, content: bytes, now_s: float) -> None:
@@ -233,70 +233,70 @@ class Session:
         for record in message.records():
             self.stats.records += 1
             channel = self.channels.get(record.channel)
-            if channel is not None and channel.opened is not None:  # else it is of a closed one with this number
+            if channel is not None and channel.opened is not None:  # else: a record of a closed channel
                 channel.buffer.push(due_s, record)
-                channel.jump = None
+                channel.pending_phase = None
 
     def _text(self, content: str, now_s: float) -> None:
-        message = read_text(content)
+        message = parse_message(content)
         match message:
-            case Opened():
+            case ChannelOpened():
                 self._opened(message)
-            case Rejected():
+            case CommandRejected():
                 self._rejected(message, now_s)
             case Pong():
                 self._pong(message, now_s)
-            case Published():
-                self._published(message)
-            case Passed() | Ended() | Draining():
-                self._note(message)
+            case VersionChanged():
+                self._version_changed(message)
+            case KeytimePassed() | MotionEnded() | ServerDraining():
+                self._emit(message)
             case _:
-                pass  # an op of a newer server, or a hello that says nothing new
+                pass  # an op of a newer server, or a second hello
 
-    def _opened(self, opened: Opened) -> None:
+    def _opened(self, opened: ChannelOpened) -> None:
         self._layouts[opened.channel] = opened.layout
         channel = self.channels.get(opened.channel)
-        if channel is None:  # closed, or given up, while the answer was under way
+        if channel is None:  # closed, or timed out, before the answer arrived
             self._send({"op": "close", "channel": opened.channel})
             return
         self._confirmed.add(opened.channel)
-        channel.answered(opened)
+        channel.apply_opened(opened)
         if channel.switch is None:
             self._answer(opened.channel, None)
-        self._note(opened)
+        self._emit(opened)
 
-    def _published(self, published: Published) -> None:
-        old = self._layouts.get(published.channel)
-        if old is not None and old.encoding != WEIGHTS and old.record_bytes != published.record_bytes:
-            raise DecodeError(f"channel {published.channel} has {published.record_bytes} bytes in its new version")
-        self._note(published)
+    def _version_changed(self, changed: VersionChanged) -> None:
+        old = self._layouts.get(changed.channel)
+        if old is not None and old.encoding != WEIGHTS and old.record_bytes != changed.record_bytes:
+            raise DecodeError(f"record_bytes of channel {changed.channel} changes to {changed.record_bytes}")
+        self._emit(changed)
 
-    def _rejected(self, rejected: Rejected, now_s: float) -> None:
+    def _rejected(self, rejected: CommandRejected, now_s: float) -> None:
         if isinstance(rejected.error, UnknownSession) and self._barrier is not None and self.hello is not None:
             self._barrier = None
             self._begin(self.hello, now_s)
             return
         channel = rejected.channel
-        if channel is None and len(self.waiting) == 1 and rejected.error.code == "bad_message":
-            channel = next(iter(self.waiting))  # nothing else was asked
-        if channel is not None and channel in self.waiting:
+        if channel is None and len(self.pending) == 1 and rejected.error.code == "bad_message":
+            channel = next(iter(self.pending))  # there is no other request
+        if channel is not None and channel in self.pending:
             self._answer(channel, rejected.error)
             return
         known = self.channels.get(channel) if channel is not None else None
         if known is not None and known.number not in self._layouts:
-            known.refused = rejected.error
+            known.error = rejected.error
             if isinstance(rejected.error, NotReady):
-                self._unready.add(known.number)
+                self._not_ready.add(known.number)
                 return
-        self._note(rejected)
+        self._emit(rejected)
 
-    def knock(self) -> None:
-        """Ask again for channels that the server could not open since it was loading its verbs."""
-        for channel in [self.channels[number] for number in self._unready if number in self.channels]:
+    def retry_not_ready(self) -> None:
+        """Reopen channels that the server rejected with ``not_ready``."""
+        for channel in [self.channels[number] for number in self._not_ready if number in self.channels]:
             self._reopen(channel)
-        self._unready.clear()
+        self._not_ready.clear()
 
     def _answer(self, channel: int, error: AdverbError | None) -> None:
-        done = self.waiting.pop(channel, None)
+        done = self.pending.pop(channel, None)
         if done is not None:
             done(error)

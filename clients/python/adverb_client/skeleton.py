@@ -1,4 +1,4 @@
-"""A skeleton, and where its joints are in a pose (forward kinematics)."""
+"""Skeleton and forward kinematics."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ F64 = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.floating[Any]]
 
 MAX_JOINTS = 65_535
-"""More joints than this are a mistake."""
+"""Largest number of joints that is accepted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,20 +29,20 @@ class Skeleton:
     Parameters
     ----------
     names : tuple of str
-        J of them.
+        Names of the J joints.
     parents : (J,) int64
         Index of each joint's parent; -1 for the root, which is the first.
     offsets : (J, 3) float64
         Position in the parent's frame, metres.
     tip_parents : (T,) int64
-        Joints that end in a tip (fingers, toes, crown); a stream tells none.
+        Joints that end in a tip (fingers, toes, crown); empty in a stream.
     tip_offsets : (T, 3) float64
         Position of each tip in its joint's frame, metres.
 
     Attributes
     ----------
     levels : tuple of (…) int64
-        Joints that are equally far from the root, from its children on: each level is computed in one go.
+        Joints at equal depth, from the root's children on; each level is one vectorised step.
     """
 
     names: tuple[str, ...]
@@ -68,18 +68,18 @@ class Skeleton:
         Raises
         ------
         KeyError
-            If there is none of this name.
+            If the name does not exist.
         """
         if name not in self.names:
             raise KeyError(f"no joint {name!r}; known: {', '.join(self.names)}")
         return self.names.index(name)
 
     def global_rotations(self, rotations: Numbers) -> F64:
-        """Local rotations (..., J, 4) → rotations (..., J, 4) in the verb's space."""
-        turns = np.array(self._checked(rotations), np.float64)
+        """Global rotations (..., J, 4) of local rotations (..., J, 4)."""
+        found = np.array(self._checked(rotations), np.float64)
         for level in self.levels:
-            turns[..., level, :] = quat.mul(turns[..., self.parents[level], :], turns[..., level, :])
-        return turns
+            found[..., level, :] = quat.mul(found[..., self.parents[level], :], found[..., level, :])
+        return found
 
     def positions(self, root: Numbers, rotations: Numbers, space: Space = "local") -> F64:
         """Positions of all joints.
@@ -89,9 +89,9 @@ class Skeleton:
         root : (..., 3)
             Position of the root joint, metres.
         rotations : (..., J, 4)
-            Of all joints, in the skeleton's order.
+            Rotations of all joints, in the skeleton's order.
         space : str
-            What the rotations are: local to the parent, or global.
+            Whether the rotations are local to the parent or global.
 
         Returns
         -------
@@ -101,65 +101,67 @@ class Skeleton:
         Raises
         ------
         ValueError
-            If the rotations are not those of all joints.
+            If there are not as many rotations as joints.
         """
-        turns = self.global_rotations(rotations) if space == "local" else self._checked(rotations)
-        steps = quat.rotate(turns[..., self.parents, :], self.offsets)
-        places = np.empty((*turns.shape[:-1], 3))
-        places[..., 0, :] = root
+        turned = self.global_rotations(rotations) if space == "local" else self._checked(rotations)
+        steps = quat.rotate(turned[..., self.parents, :], self.offsets)
+        positions = np.empty((*turned.shape[:-1], 3))
+        positions[..., 0, :] = root
         for level in self.levels:
-            places[..., level, :] = places[..., self.parents[level], :] + steps[..., level, :]
-        return places
+            positions[..., level, :] = positions[..., self.parents[level], :] + steps[..., level, :]
+        return positions
 
     def tips(self, root: Numbers, rotations: Numbers, space: Space = "local") -> F64:
         """Positions (..., T, 3) of the tips, metres; arguments as of :meth:`positions`."""
-        turns = self.global_rotations(rotations) if space == "local" else self._checked(rotations)
-        places = self.positions(root, turns, "global")
-        return places[..., self.tip_parents, :] + quat.rotate(turns[..., self.tip_parents, :], self.tip_offsets)
+        turned = self.global_rotations(rotations) if space == "local" else self._checked(rotations)
+        positions = self.positions(root, turned, "global")
+        return positions[..., self.tip_parents, :] + quat.rotate(turned[..., self.tip_parents, :], self.tip_offsets)
 
     def _checked(self, rotations: Numbers) -> Numbers:
         if rotations.shape[-2:] != (len(self), 4):
-            raise ValueError(f"rotations of all {len(self)} joints are needed, (…, {len(self)}, 4): {rotations.shape}")
+            raise ValueError(
+                f"expected rotations of all {len(self)} joints, (…, {len(self)}, 4), not {rotations.shape}"
+            )
         return rotations
 
     @classmethod
-    def from_json(cls, told: Mapping[str, Any]) -> Skeleton:
-        """What the server tells about a skeleton.
+    def from_json(cls, fields: Mapping[str, Any]) -> Skeleton:
+        """The skeleton of a JSON object.
 
         Raises
         ------
         DecodeError
-            If it is no skeleton.
+            If the object is not a valid skeleton.
         """
         try:
-            names = tuple(str(name) for name in told["names"])
-            parents = np.asarray(told["parents"], np.int64).reshape(len(names))
+            names = tuple(str(name) for name in fields["names"])
+            parents = np.asarray(fields["parents"], np.int64).reshape(len(names))
             _check_parents(parents)
-            tips: Sequence[Mapping[str, Any]] = told.get("tips", ())
+            tips: Sequence[Mapping[str, Any]] = fields.get("tips", ())
             found = cls(
                 names,
                 parents,
-                np.asarray(told["offsets"], np.float64).reshape(len(names), 3),
+                np.asarray(fields["offsets"], np.float64).reshape(len(names), 3),
                 np.asarray([tip["parent"] for tip in tips], np.int64).reshape(len(tips)),
                 np.asarray([tip["offset"] for tip in tips], np.float64).reshape(len(tips), 3),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as err:
-            raise DecodeError(f"this is no skeleton: {err}") from err
+            raise DecodeError(f"not a skeleton: {err}") from err
         _check(found)
         return found
 
 
 def _check_parents(parents: npt.NDArray[np.int64]) -> None:
-    """Refuse what forward kinematics could not walk through."""
+    """Check that parents precede their children, as forward kinematics requires."""
     count = len(parents)
     if not 1 <= count <= MAX_JOINTS:
         raise DecodeError(f"a skeleton of {count} joints; expected 1 to {MAX_JOINTS}")
     if parents[0] != -1 or (parents[1:] < 0).any() or (parents >= np.arange(count)).any():
-        raise DecodeError("a skeleton whose parents do not come before their children")
+        raise DecodeError("a skeleton whose parents do not precede their children")
 
 
 def _check(found: Skeleton) -> None:
     if ((found.tip_parents < 0) | (found.tip_parents >= len(found))).any():
-        raise DecodeError("a skeleton with a tip of no joint")
+        raise DecodeError("a skeleton with a tip whose joint does not exist")
     if not (np.isfinite(found.offsets).all() and np.isfinite(found.tip_offsets).all()):
         raise DecodeError("a skeleton with offsets that are not finite")

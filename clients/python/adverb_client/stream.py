@@ -1,4 +1,4 @@
-"""A stream of poses: one WebSocket that comes back by itself."""
+"""A stream of poses: one WebSocket, which reconnects automatically."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from typing import Any, Self, Unpack
 from adverb_client.backoff import Backoff
 from adverb_client.channel import Channel, OpenOptions
 from adverb_client.clock import Clock, Lateness
-from adverb_client.connection import Link, stream_url
+from adverb_client.connection import Connection, stream_url
 from adverb_client.errors import AdverbError, NotReady, StreamClosed, TimedOut, TransportError
 from adverb_client.jitter import Delays, JitterBuffer, Sample
-from adverb_client.messages import Closed, Draining, Hello, Note, Opened
+from adverb_client.messages import ChannelOpened, Hello, ServerDraining, StreamEnded, StreamEvent
 from adverb_client.outbox import Outbox
 from adverb_client.session import Session, Stats
 
@@ -32,19 +32,19 @@ class Stream:
     Parameters
     ----------
     url : str
-        Where the server is: ``http://``, ``https://``, ``ws://`` or ``wss://``; the path may be left out.
+        Address of the server: ``http://``, ``https://``, ``ws://`` or ``wss://``; the path is optional.
     api_key : str, optional
     delays : Delays, optional
         Bounds of the jitter buffers.
-    on_note : callable, optional
-        Called with each :data:`Note`, in the event loop; it must not wait. Without it, notes are kept for whoever
-        iterates over the stream.
-    max_notes : int
-        Notes that are kept; the oldest go first, and are counted.
-    give_up_s : float
-        How long to try to come back after a lost connection, seconds.
+    on_event : callable, optional
+        Called with each :data:`StreamEvent` in the event loop; it must not block. Without it, events are queued for
+        iteration over the stream and for ``take_events``.
+    max_events : int
+        Length of the queue of events; the oldest are discarded and counted.
+    reconnect_timeout_s : float
+        How long to try to reconnect after a lost connection, seconds.
     backoff : Backoff, optional
-        Waits between two tries.
+        Delays between attempts.
     now : callable
         A monotonic clock, seconds.
 
@@ -62,25 +62,29 @@ class Stream:
         *,
         api_key: str | None = None,
         delays: Delays | None = None,
-        on_note: Callable[[Note], None] | None = None,
-        max_notes: int = 1024,
-        give_up_s: float = 120.0,
+        on_event: Callable[[StreamEvent], None] | None = None,
+        max_events: int = 1024,
+        reconnect_timeout_s: float = 120.0,
         backoff: Backoff | None = None,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.url, self.now = stream_url(url), now
         self._headers = {"authorization": f"Bearer {api_key}"} if api_key else {}
-        self._delays, self._give_up_s, self._backoff = delays or Delays(), give_up_s, backoff or Backoff()
+        self._delays, self._reconnect_timeout_s, self._backoff = (
+            delays or Delays(),
+            reconnect_timeout_s,
+            backoff or Backoff(),
+        )
         self._lateness = Lateness()
-        self._session = Session(send=self._send, note=self._noted, lateness=self._lateness)
-        self._notes: deque[Note] = deque()
-        self._max_notes, self._on_note, self._noted_event = max_notes, on_note, asyncio.Event()
+        self._session = Session(send=self._send, emit=self._add_event, lateness=self._lateness)
+        self._events: deque[StreamEvent] = deque()
+        self._max_events, self._on_event, self._event_added = max_events, on_event, asyncio.Event()
         self._outbox: Outbox | None = None
         self._task: asyncio.Task[None] | None = None
-        self._link: Link | None = None
+        self._connection: Connection | None = None
         self._next = 0
 
-    # --- life ---
+    # --- lifetime ---
 
     async def __aenter__(self) -> Self:
         await self.connect()
@@ -92,40 +96,40 @@ class Stream:
         await self.close()
 
     async def connect(self, timeout_s: float = 10.0) -> None:
-        """Connect; a server that is not there yet is tried again until the time is over.
+        """Connect; attempts are repeated until the timeout.
 
         Raises
         ------
         TimedOut
-            If it is not there in time.
+            If there is no connection in time.
         StreamClosed
-            If it does not speak this protocol, or wants another key.
+            If the server does not support this protocol or rejects the key.
         """
         if self._task is not None:
-            raise RuntimeError("a stream is connected once; it comes back by itself")
+            raise RuntimeError("a stream is connected once; it reconnects automatically")
         self._outbox = Outbox(asyncio.get_running_loop())
-        self._link = Link(
+        self._connection = Connection(
             self.url,
             self._headers,
             self._session,
             self._outbox,
             backoff=self._backoff,
-            give_up_s=self._give_up_s,
+            reconnect_timeout_s=self._reconnect_timeout_s,
             now=self.now,
         )
-        self._task = asyncio.create_task(self._link.run(), name="adverb stream")
-        self._task.add_done_callback(lambda task: task.cancelled() or task.exception())  # notes have told it
-        ready = asyncio.create_task(self._link.ready.wait())
+        self._task = asyncio.create_task(self._connection.run(), name="adverb stream")
+        self._task.add_done_callback(lambda task: task.cancelled() or task.exception())  # an event reports it
+        ready = asyncio.create_task(self._connection.ready.wait())
         await asyncio.wait((ready, self._task), timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
         ready.cancel()
         if self._task.done():
-            self._task.result()  # raises what ended it
-        if not self._link.ready.is_set():
+            self._task.result()  # raises the error that ended it
+        if not self._connection.ready.is_set():
             await self.close()
             raise TimedOut(f"{self.url}: no stream within {timeout_s:g} s: {self._failure}")
 
     async def close(self) -> None:
-        """Close the stream and all its channels; what was received can still be looked at."""
+        """Close the stream and all its channels; received poses stay readable."""
         task = self._task
         if task is None or task.done():
             return
@@ -134,33 +138,33 @@ class Stream:
 
     @property
     def closed(self) -> bool:
-        """Whether it is over."""
+        """Whether the stream has ended."""
         return self._task is not None and self._task.done()
 
     @property
     def _failure(self) -> str:
-        return "not connected" if self._link is None else self._link.failure
+        return "not connected" if self._connection is None else self._connection.failure
 
     @property
     def live(self) -> bool:
         """Whether there is a connection."""
         return self._session.live
 
-    # --- what it knows ---
+    # --- state ---
 
     @property
     def stats(self) -> Stats:
-        """Counts of what was received."""
+        """Counters of messages, gaps and errors."""
         return self._session.stats
 
     @property
     def clock(self) -> Clock:
-        """The server's clock as seen from here."""
+        """Estimate of the server's clock."""
         return self._session.clock
 
     @property
     def hello(self) -> Hello | None:
-        """What the server said first."""
+        """The server's first message."""
         return self._session.hello
 
     @property
@@ -170,12 +174,12 @@ class Stream:
 
     @property
     def age_s(self) -> float:
-        """How old the newest pose message was when it came, by both clocks, seconds; NaN before the first ping."""
+        """Age of the newest pose message at its arrival, seconds; NaN before the first pong."""
         return self._session.last_age_s
 
     @property
     def lateness_s(self) -> float:
-        """How much later than the earliest nearly all messages come, seconds; NaN before the first."""
+        """The 98 % quantile of transit times minus the smallest, seconds; NaN before the first message."""
         measured = self._lateness.measured()
         return math.nan if measured is None else measured[1]
 
@@ -184,12 +188,14 @@ class Stream:
         return (channel if isinstance(channel, Channel) else self._session.channels[channel]).pose(at)
 
     async def ping(self, timeout_s: float = 5.0) -> float:
-        """Round trip of a ping, seconds.
+        """Round trip time of a ping, seconds.
 
         Raises
         ------
+        TransportError
+            If there is no connection.
         TimedOut
-            If it does not come back in time.
+            If there is no pong in time.
         """
         back: asyncio.Future[float] = asyncio.get_running_loop().create_future()
         if not self._session.live:
@@ -201,65 +207,65 @@ class Stream:
         except TimeoutError as err:
             raise TimedOut(f"no pong within {timeout_s:g} s") from err
 
-    # --- notes ---
+    # --- events ---
 
-    def take_notes(self) -> list[Note]:
-        """All notes that nobody has seen yet, without waiting."""
+    def take_events(self) -> list[StreamEvent]:
+        """Take all queued events, without waiting."""
         taken = []
-        while self._notes:
-            taken.append(self._notes.popleft())
+        while self._events:
+            taken.append(self._events.popleft())
         return taken
 
-    async def __aiter__(self) -> AsyncIterator[Note]:
-        """Notes as they come; ends after :class:`Closed`."""
+    async def __aiter__(self) -> AsyncIterator[StreamEvent]:
+        """Events as they occur; ends after :class:`StreamEnded`."""
         while True:
-            while self._notes:
-                note = self._notes.popleft()
-                yield note
-                if isinstance(note, Closed):
+            while self._events:
+                event = self._events.popleft()
+                yield event
+                if isinstance(event, StreamEnded):
                     return
             if self.closed:
                 return
-            self._noted_event.clear()
-            await self._noted_event.wait()
+            self._event_added.clear()
+            await self._event_added.wait()
 
-    def _noted(self, note: Note) -> None:
-        if isinstance(note, Draining) and self._link is not None:
-            self._link.wait_first_s = note.reconnect_after_s
-        if self._on_note is not None:
-            self._on_note(note)
+    def _add_event(self, event: StreamEvent) -> None:
+        if isinstance(event, ServerDraining) and self._connection is not None:
+            self._connection.drain_wait_s = event.reconnect_after_s
+        if self._on_event is not None:
+            self._on_event(event)
             return
-        if len(self._notes) >= self._max_notes:
-            self._notes.popleft()
-            self.stats.notes_dropped += 1
-        self._notes.append(note)
-        self._noted_event.set()
+        if len(self._events) >= self._max_events:
+            self._events.popleft()
+            self.stats.events_dropped += 1
+        self._events.append(event)
+        self._event_added.set()
 
     # --- channels ---
 
     async def open(
         self, verb: str, *, number: int | None = None, timeout_s: float = 10.0, **options: Unpack[OpenOptions]
     ) -> Channel:
-        """Open a channel: a character that moves by a verb.
+        """Open a channel: one character that plays a verb.
 
         Parameters
         ----------
         verb : str
         number : int, optional
-            0 … 65,535; the next free one by default.
+            Channel number, 0 … 65,535; the next free one by default.
         timeout_s : float
-            How long to wait for the answer, a server that still loads its verbs included.
+            How long to wait for the answer, including the time in which the server loads its verbs.
         **options
             See :class:`OpenOptions`.
 
         Raises
         ------
-        Refused
-            If the server says no.
+        ResponseError
+            If the server rejects the request.
         TimedOut
-            If it does not answer in time.
+            If there is no answer in time.
         StreamClosed
-            If the stream is over.
+            If the stream has ended.
         """
         taken = self._session.channels
         number = self._free() if number is None else number
@@ -270,7 +276,7 @@ class Stream:
         taken[number] = channel
         try:
             async with channel.lock:
-                await self._asked(channel, channel.opening(), timeout_s, patient=True)
+                await self._exchange(channel, channel.open_message(), timeout_s, retry_not_ready=True)
         except BaseException:
             taken.pop(number, None)
             raise
@@ -286,23 +292,23 @@ class Stream:
         phase: float | None = None,
         transition_s: float | None = None,
         timeout_s: float = 10.0,
-    ) -> Opened:
-        """Let a channel go over to another verb without a jump.
+    ) -> ChannelOpened:
+        """Switch a channel to another verb, with a continuous transition.
 
         Parameters
         ----------
         channel : Channel
         verb : str
         adverbs, method, phase
-            Of the new verb; the server's defaults where left out.
+            Of the new verb; the server's defaults where omitted.
         transition_s : float, optional
-            0–5 s.
+            Length of the transition, 0–5 s.
         timeout_s : float
 
         Raises
         ------
-        Refused, TimedOut, StreamClosed
-            As :meth:`open`; the old verb goes on.
+        ResponseError, TimedOut, StreamClosed
+            As :meth:`open`; the channel keeps its verb.
         """
         fields = {"adverbs": adverbs, "method": method, "phase": phase, "transition_s": transition_s}
         given = {name: value for name, value in fields.items() if value is not None}
@@ -311,13 +317,13 @@ class Stream:
         async with channel.lock:
             channel.switch = {"op": "switch", "channel": channel.number, "verb": verb, **given}
             try:
-                await self._asked(channel, channel.switch, timeout_s)
+                await self._exchange(channel, channel.switch, timeout_s)
             finally:
-                channel.forget_switch()
-        return channel.told
+                channel.clear_switch()
+        return channel.info
 
     async def close_channel(self, channel: Channel) -> None:
-        """Close a channel; its last poses can still be looked at."""
+        """Close a channel; its received poses stay readable."""
         async with channel.lock:
             if self._session.channels.pop(channel.number, None) is not None:
                 self._post(("close", channel.number), {"op": "close", "channel": channel.number})
@@ -330,34 +336,34 @@ class Stream:
                 return number
         raise ValueError("all 65,536 channels are open")
 
-    async def _asked(
-        self, channel: Channel, message: Mapping[str, Any], timeout_s: float, *, patient: bool = False
+    async def _exchange(
+        self, channel: Channel, message: Mapping[str, Any], timeout_s: float, *, retry_not_ready: bool = False
     ) -> None:
-        """Send what has an answer, and wait for it; a lost connection in between is not the end."""
-        waiting, loop = self._session.waiting, asyncio.get_running_loop()
+        """Send a request and wait for its answer, also across a reconnection."""
+        pending, loop = self._session.pending, asyncio.get_running_loop()
         try:
             async with asyncio.timeout(timeout_s):
                 while True:
                     if self._task is None or self.closed:
                         raise StreamClosed(f"the stream is closed: {self._failure}")
                     answer: asyncio.Future[AdverbError | None] = loop.create_future()
-                    waiting[channel.number] = partial(_tell, answer)
+                    pending[channel.number] = partial(_resolve, answer)
                     self._post(None, message)
                     error = await answer
                     if error is None:
                         return
-                    if not (patient and isinstance(error, NotReady)):
+                    if not (retry_not_ready and isinstance(error, NotReady)):
                         raise error
                     await asyncio.sleep(0.25)
         except TimeoutError as err:
             raise TimedOut(f"no answer to {message['op']} of channel {channel.number} within {timeout_s:g} s") from err
         finally:
-            waiting.pop(channel.number, None)
+            pending.pop(channel.number, None)
 
     # --- the connection ---
 
     def _post(self, key: tuple[str, int] | None, message: Mapping[str, Any] | bytes) -> None:
-        if self._outbox is not None and self._session.live:  # else what is wanted is told when the connection is back
+        if self._outbox is not None and self._session.live:  # otherwise settings are sent after the reconnection
             self._outbox.put(key, message)
 
     def _send(self, message: Mapping[str, Any]) -> None:
@@ -365,6 +371,6 @@ class Stream:
             self._outbox.put(None, message)
 
 
-def _tell(answer: asyncio.Future[AdverbError | None], error: AdverbError | None) -> None:
+def _resolve(answer: asyncio.Future[AdverbError | None], error: AdverbError | None) -> None:
     if not answer.done():
         answer.set_result(error)

@@ -1,4 +1,4 @@
-"""The stream for programs without an event loop: the same, with the loop in a thread of its own."""
+"""The stream for programs without an event loop; the loop runs in a background thread."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from adverb_client.channel import Channel, OpenOptions
 from adverb_client.clock import Clock
 from adverb_client.errors import StreamClosed
 from adverb_client.jitter import Sample
-from adverb_client.messages import Hello, Note, Opened
+from adverb_client.messages import ChannelOpened, Hello, StreamEvent
 from adverb_client.session import Stats
 from adverb_client.stream import Stream
 
@@ -24,15 +24,15 @@ T = TypeVar("T")
 class SyncStream:
     """A stream of poses in a background thread; parameters, methods and errors are those of :class:`Stream`.
 
-    ``channel.set``, ``channel.aim`` and ``channel.pose`` never wait; ``connect``, ``open``, ``switch`` and ``ping``
+    ``channel.set``, ``channel.aim`` and ``channel.pose`` never block; ``connect``, ``open``, ``switch`` and ``ping``
     wait for the server.
 
     Parameters
     ----------
     url : str
-        Where the server is.
+        Address of the server.
     **options
-        Keywords of :class:`Stream`; ``on_note`` is called in the background thread.
+        Keywords of :class:`Stream`; ``on_event`` is called in the background thread.
 
     Examples
     --------
@@ -59,9 +59,9 @@ class SyncStream:
     def connect(self, timeout_s: float = 10.0) -> None:
         """Connect; see :meth:`Stream.connect`."""
         if self._stream is not None or self._loop.is_closed():
-            raise RuntimeError("a stream is connected once; it comes back by itself")
+            raise RuntimeError("a stream is connected once; it reconnects automatically")
         self._thread.start()
-        self._stream = self._wait(_made(self._url, self._options))
+        self._stream = self._wait(_create(self._url, self._options))
         try:
             self._wait(self._stream.connect(timeout_s))
         except BaseException:
@@ -93,7 +93,7 @@ class SyncStream:
 
     @property
     def closed(self) -> bool:
-        """Whether it is over."""
+        """Whether the stream has ended."""
         return self._inner.closed
 
     @property
@@ -103,17 +103,17 @@ class SyncStream:
 
     @property
     def stats(self) -> Stats:
-        """Counts of what was received."""
+        """Counters of messages, gaps and errors."""
         return self._inner.stats
 
     @property
     def clock(self) -> Clock:
-        """The server's clock as seen from here."""
+        """Estimate of the server's clock."""
         return self._inner.clock
 
     @property
     def hello(self) -> Hello | None:
-        """What the server said first."""
+        """The server's first message."""
         return self._inner.hello
 
     @property
@@ -139,9 +139,9 @@ class SyncStream:
         """The pose of a channel; see :meth:`Channel.pose`."""
         return self._inner.pose(channel, at)
 
-    def take_notes(self) -> list[Note]:
-        """All notes that nobody has seen yet, without waiting."""
-        return self._inner.take_notes()
+    def take_events(self) -> list[StreamEvent]:
+        """Take all queued events, without waiting."""
+        return self._inner.take_events()
 
     def ping(self, timeout_s: float = 5.0) -> float:
         """Round trip of a ping, seconds; see :meth:`Stream.ping`."""
@@ -163,8 +163,8 @@ class SyncStream:
         phase: float | None = None,
         transition_s: float | None = None,
         timeout_s: float = 10.0,
-    ) -> Opened:
-        """Let a channel go over to another verb; see :meth:`Stream.switch`."""
+    ) -> ChannelOpened:
+        """Switch a channel to another verb; see :meth:`Stream.switch`."""
         return self._wait(
             self._inner.switch(
                 channel,
@@ -182,5 +182,5 @@ class SyncStream:
         self._wait(self._inner.close_channel(channel))
 
 
-async def _made(url: str, options: Mapping[str, Any]) -> Stream:
+async def _create(url: str, options: Mapping[str, Any]) -> Stream:
     return Stream(url, **options)

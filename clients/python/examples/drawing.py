@@ -17,7 +17,7 @@ SKY_TOP, SKY_LOW, GROUND, GRID = (38, 44, 60), (86, 98, 122), (52, 58, 70), (84,
 SHIRT, SKIN, HAIR = (66, 132, 190), (228, 178, 146), (78, 56, 46)
 TROUSERS, SHOES, OTHER = (70, 78, 112), (40, 42, 52), (150, 170, 190)
 LIGHT = np.array([-0.45, -1.0, -0.35])
-"""Whither the light shines; its shadow falls on y = 0."""
+"""Direction of the light; shadows are cast on y = 0."""
 
 # part of a joint's name, and of the bone from its parent to it: radius at the parent, at the joint, colour, body part
 STYLES: tuple[tuple[str, float, float, Colour, str], ...] = (
@@ -54,7 +54,7 @@ class Camera:
     Parameters
     ----------
     eye, target : (3,)
-        Where it stands, and what it looks at.
+        Position and target, metres.
     focal : float
         Pixels per metre at a distance of 1 m.
     size : (int, int)

@@ -1,4 +1,4 @@
-"""Let a character's hand follow a circle: stream poses, steer the goal, print how far off and how late they are.
+"""Let a character's hand follow a circle: stream poses, move the goal, print the error and the lateness.
 
 python follow.py --url http://127.0.0.1:8000 --seconds 5
 """
@@ -14,13 +14,13 @@ from adverb_client import Channel, Stream
 
 
 async def follow(url: str, verb: str, seconds: float) -> None:
-    """Stream for some seconds; print twice a second."""
+    """Stream for some seconds; print a report twice per second."""
     async with Stream(url) as stream:
         channel = await stream.open(verb, fps=60, half_life=0.05, play=False)
-        if channel.told.follow is not None:  # held within these phases, the effector is on the goal
-            channel.set(phase=sum(channel.told.follow) / 2)
-        low = np.array([adverb.min for adverb in channel.told.adverbs])
-        high = np.array([adverb.max for adverb in channel.told.adverbs])
+        if channel.info.follow is not None:  # at these phases the effector of a held channel is on the goal
+            channel.set(phase=sum(channel.info.follow) / 2)
+        low = np.array([adverb.min for adverb in channel.info.adverbs])
+        high = np.array([adverb.max for adverb in channel.info.adverbs])
         middle, reach = 0.5 * (low + high), 0.25 * (high - low)
         began = stream.now()
         for tick in range(int(seconds * 60)):
@@ -38,24 +38,24 @@ async def follow(url: str, verb: str, seconds: float) -> None:
 
 
 def report(stream: Stream, channel: Channel) -> str:
-    """How the stream is doing, in one line."""
+    """The state of the stream in one line."""
     sample = channel.pose()
     if sample is None:
-        return "nothing yet"
+        return "no frame yet"
     error = "not measured" if math.isnan(sample.error) else f"{1e3 * sample.error:7.3f} mm"
     return (
         f"phase {sample.phase:.2f}  error {error}  "
         f"age {1e3 * stream.age_s:5.1f} ms  lateness {1e3 * stream.lateness_s:5.1f} ms  "
-        f"shown {1e3 * sample.delay_s:5.1f} ms later  round trip {1e3 * stream.clock.round_trip_s:.1f} ms"
+        f"display delay {1e3 * sample.delay_s:5.1f} ms  round trip {1e3 * stream.clock.round_trip_s:.1f} ms"
     )
 
 
 def main() -> None:
     """Read the command line and follow."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--url", default="http://127.0.0.1:8000", help="where the server is")
-    parser.add_argument("--verb", default="reach", help="which verb to stream")
-    parser.add_argument("--seconds", type=float, default=5.0, help="how long")
+    parser.add_argument("--url", default="http://127.0.0.1:8000", help="address of the server")
+    parser.add_argument("--verb", default="reach", help="verb to stream")
+    parser.add_argument("--seconds", type=float, default=5.0, help="duration")
     options = parser.parse_args()
     asyncio.run(follow(options.url, options.verb, options.seconds))
 

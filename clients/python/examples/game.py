@@ -30,7 +30,7 @@ GOOD, FAR, BAD = (120, 232, 150), (255, 196, 84), (255, 118, 96)  # there, on th
 
 @dataclass
 class World:
-    """What changes from frame to frame: where we look from, where the goal is, what the last errors were."""
+    """State that changes from frame to frame: camera, goal, last distances between hand and goal."""
 
     turn_rad: float = 0.55
     depth_m: float = 0.45
@@ -46,7 +46,7 @@ class World:
         return drawing.Camera(target + 3.3 * way, target, 1.42 * SIZE[1], SIZE)
 
     def ground(self) -> pygame.Surface:
-        """What stands behind everything; drawn anew only where the camera has moved."""
+        """The background; drawn again only after the camera has moved."""
         if self.turn_rad not in self.grounds:
             self.grounds = {self.turn_rad: pygame.Surface(SIZE)}
             drawing.draw_ground(self.grounds[self.turn_rad], self.camera())
@@ -54,28 +54,28 @@ class World:
 
 
 def steer(channel: Channel, world: World, mouse: tuple[float, float]) -> None:
-    """Set the adverbs so that the hand goes where the mouse is; of other verbs, the first two."""
-    told = channel.told.adverbs
-    low, high = np.array([adverb.min for adverb in told]), np.array([adverb.max for adverb in told])
-    names = [adverb.name for adverb in told]
+    """Set the adverbs so that the hand follows the mouse; for other verbs, the first two adverbs."""
+    adverbs = channel.info.adverbs
+    low, high = np.array([adverb.min for adverb in adverbs]), np.array([adverb.max for adverb in adverbs])
+    names = [adverb.name for adverb in adverbs]
     if names[:2] == ["x", "y"]:
         point = world.camera().on_plane(mouse, world.depth_m)
-        wanted = np.clip(point[: len(names)], low, high)
-        world.goal = np.append(wanted, np.zeros(3))[:3]
+        goal = np.clip(point[: len(names)], low, high)
+        world.goal = np.append(goal, np.zeros(3))[:3]
     else:
-        wanted = 0.5 * (low + high)
-        wanted[:2] = (low + (high - low) * [mouse[0] / SIZE[0], 1.0 - mouse[1] / SIZE[1]][: len(wanted)])[:2]
-    channel.aim(wanted)
+        goal = 0.5 * (low + high)
+        goal[:2] = (low + (high - low) * [mouse[0] / SIZE[0], 1.0 - mouse[1] / SIZE[1]][: len(goal)])[:2]
+    channel.aim(goal)
 
 
 def circle(tick: int) -> tuple[float, float]:
-    """Where the mouse would be if there were one."""
+    """A mouse position on a circle, for runs without a mouse."""
     angle = 2 * math.pi * tick / 240
     return SIZE[0] * (0.45 + 0.12 * math.cos(angle)), SIZE[1] * (0.42 + 0.16 * math.sin(angle))
 
 
-def heard(channel: Channel, world: World) -> bool:
-    """Take keys and the mouse; whether the game goes on."""
+def handle_input(channel: Channel, world: World) -> bool:
+    """Handle keys and mouse; returns whether the game continues."""
     for event in pygame.event.get():
         if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
             return False
@@ -92,11 +92,11 @@ def heard(channel: Channel, world: World) -> bool:
 
 
 def reaching(channel: Channel) -> float:
-    """The phase at which the hand is out: the middle of those in which a held channel follows its goal."""
-    told = channel.told
-    if told.follow is not None:
-        return sum(told.follow) / 2
-    inner = [phase for phase in told.keytimes.values() if 0.0 < phase < 1.0]
+    """The phase at which the hand follows the goal: the middle of the ``follow`` range."""
+    info = channel.info
+    if info.follow is not None:
+        return sum(info.follow) / 2
+    inner = [phase for phase in info.keytimes.values() if 0.0 < phase < 1.0]
     return inner[0] if inner else 0.5
 
 
@@ -111,22 +111,22 @@ def draw(screen: pygame.Surface, channel: Channel, sample: Sample, world: World)
         parts = drawing.limbs_of(skeleton, root, rotations)
         drawing.draw_shadow(screen, camera, parts)
         drawing.draw_figure(screen, camera, parts)
-    if [adverb.name for adverb in channel.told.adverbs][:2] == ["x", "y"]:
+    if [adverb.name for adverb in channel.info.adverbs][:2] == ["x", "y"]:
         near = bool(world.off_m) and world.off_m[-1] < NEAR_M
         drawing.draw_goal(screen, camera, world.goal, BAD if sample.clamped else GOOD if near else FAR)
 
 
 def hand_of(channel: Channel) -> int:
-    """The joint that the goal is for."""
+    """The joint that follows the goal."""
     names = channel.skeleton.names
     return names.index("RightHand") if "RightHand" in names else len(names) - 1
 
 
 def draw_texts(screen: pygame.Surface, stream: SyncStream, sample: Sample, world: World, fps: float) -> None:
-    """Figures on a dark panel, and how far off the hand was during the last three seconds."""
+    """Numbers on a dark panel, and the distance between hand and goal in the last three seconds."""
     stats, off_m = stream.stats, world.off_m[-1] if world.off_m else math.nan
     error = "–" if math.isnan(sample.error) else f"{1e3 * sample.error:.2f} mm"
-    live = ("live", GOOD) if stream.live else ("looking for the server", BAD)
+    live = ("live", GOOD) if stream.live else ("reconnecting", BAD)
     rows = [
         ("Adverb", *live),
         ("goal", "out of reach" if sample.clamped else "within reach", BAD if sample.clamped else GOOD),
@@ -135,7 +135,7 @@ def draw_texts(screen: pygame.Surface, stream: SyncStream, sample: Sample, world
         ("round trip", f"{1e3 * stream.clock.round_trip_s:.1f} ms", TEXT),
         ("pose age + delay", f"{1e3 * stream.age_s:.1f} + {1e3 * sample.delay_s:.1f} ms", TEXT),
         ("lost / dropped", f"{stats.missing} / {stats.dropped}", TEXT),
-        ("frames a second", f"{fps:.0f}", TEXT),
+        ("frames per second", f"{fps:.0f}", TEXT),
     ]
     panel = pygame.Surface((310, 28 + 24 * len(rows) + 64), pygame.SRCALPHA)
     pygame.draw.rect(panel, (14, 17, 26, 190), panel.get_rect(), border_radius=12)
@@ -155,7 +155,7 @@ def font_of(size: int) -> pygame.font.Font:
 
 
 def draw_curve(panel: pygame.Surface, place: pygame.Rect, off_m: list[float]) -> None:
-    """The last distances between hand and goal; the line is at one centimetre."""
+    """Curve of the last distances between hand and goal, with a line at one centimetre."""
     pygame.draw.rect(panel, (30, 35, 48, 220), place, border_radius=6)
     highest = max([0.02, *off_m])
     level = place.bottom - 3 - round((place.height - 6) * NEAR_M / highest)
@@ -167,13 +167,13 @@ def draw_curve(panel: pygame.Surface, place: pygame.Rect, off_m: list[float]) ->
 
 
 def play(stream: SyncStream, options: argparse.Namespace) -> int:
-    """Run the game; gives the number of frames that showed a pose."""
+    """Run the game; returns the number of frames with a pose."""
     channel = stream.open(options.verb, fps=60, half_life=0.06, play=False)
     channel.set(phase=reaching(channel))
     screen = pygame.display.set_mode(SIZE)
     pygame.display.set_caption(f"Adverb: {options.verb}")
     clock, world, shown, tick = pygame.time.Clock(), World(), 0, 0
-    while heard(channel, world) and (options.frames is None or tick < options.frames):
+    while handle_input(channel, world) and (options.frames is None or tick < options.frames):
         steer(channel, world, circle(tick) if options.frames is not None else pygame.mouse.get_pos())
         sample = channel.pose()
         if sample is not None:
@@ -189,11 +189,11 @@ def play(stream: SyncStream, options: argparse.Namespace) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Read the command line, connect and play; gives the number of frames that showed a pose."""
+    """Parse the command line, connect and play; returns the number of frames with a pose."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--url", default="http://127.0.0.1:8000", help="where the server is")
-    parser.add_argument("--verb", default="reach", help="which verb to play")
-    parser.add_argument("--frames", type=int, help="stop after so many frames; the goal goes round by itself")
+    parser.add_argument("--url", default="http://127.0.0.1:8000", help="address of the server")
+    parser.add_argument("--verb", default="reach", help="verb to play")
+    parser.add_argument("--frames", type=int, help="stop after this number of frames; the goal moves on a circle")
     parser.add_argument("--screenshot", metavar="FILE", help="save the last frame as a picture")
     options = parser.parse_args(arguments)
     pygame.display.init()

@@ -21,13 +21,13 @@ def anyio_backend() -> str:
 
 @pytest.fixture(scope="session")
 def catalog() -> Catalog:
-    """The built-in verbs, loaded once."""
+    """The built-in verbs."""
     return catalogs.load(None)
 
 
 @pytest.fixture(scope="session")
 def address(catalog) -> Iterator[str]:
-    """Where the real server is."""
+    """Address of a real server."""
     with serving(catalog) as address:
         yield address
 
@@ -49,17 +49,17 @@ async def stream(fake: FakeServer):
 
 
 async def until(true: Callable[[], object], within_s: float = 30.0) -> None:
-    """Let the loop run until something is true."""
+    """Run the loop until a condition holds."""
     end = time.monotonic() + within_s
     while not true():
-        assert time.monotonic() < end, "it did not come true in time"
+        assert time.monotonic() < end, "the condition is not met in time"
         await asyncio.sleep(0.005)
 
 
-async def next_note(stream: Stream, kind: type, within_s: float = 30.0):
-    """The next note of a kind; those before it are passed over."""
+async def next_event(stream: Stream, kind: type, within_s: float = 30.0):
+    """The next event of a kind; earlier ones are skipped."""
     async with asyncio.timeout(within_s):
-        async for note in stream:
-            if isinstance(note, kind):
-                return note
-    raise AssertionError(f"the stream ended without a note of {kind}")
+        async for event in stream:
+            if isinstance(event, kind):
+                return event
+    raise AssertionError(f"the stream ended without a event of {kind}")

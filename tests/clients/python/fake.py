@@ -1,4 +1,4 @@
-"""A small stream server that speaks the documented bytes over a real socket, and misbehaves when told to."""
+"""A small stream server that speaks the documented bytes over a real socket, with faults on request."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class FakeChannel:
 
     def record(self, verbs: dict[str, FakeVerb]) -> Rec:
         verb = verbs[self.verb]
-        if verb.pose is None:  # the first adverb is where the root is, the phase is how far the spine has turned
+        if verb.pose is None:  # root x is the first adverb, the phase turns the first joint
             half = math.pi * self.phase
             turns = [(0.0, math.sin(half), 0.0, math.cos(half))] + [(0.0, 0.0, 0.0, 1.0)] * (len(verb.names) - 1)
             root, error = (self.adverbs[0], 1.0, self.phase), 0.25
@@ -81,15 +81,15 @@ class FakeSession:
 
 
 class FakeServer:
-    """One of these is one server process; forget() makes it another one."""
+    """One server process; forget() simulates a restarted one."""
 
     def __init__(self, verbs: dict[str, FakeVerb] | None = None) -> None:
         self.verbs = verbs or VERBS
         self.sessions: dict[str, FakeSession] = {}
         self.sockets: set[ServerConnection] = set()
-        self.seen: list[Any] = []  # all that clients have said
-        self.mute: set[str] = set()  # ops that are not answered
-        self.refuse_as: int | None = None  # a close code instead of hello
+        self.messages: list[Any] = []  # all messages of clients
+        self.mute: set[str] = set()  # ops without an answer
+        self.close_code: int | None = None  # a close code instead of hello
         self.protocols = ["adverb.v1"]
         self.port, self.not_ready, self._count, self.skew_ns = 0, 0, 0, 0
 
@@ -97,15 +97,15 @@ class FakeServer:
     def url(self) -> str:
         return f"http://127.0.0.1:{self.port}"
 
-    def said(self, op: str) -> list[dict[str, Any]]:
-        return [row for row in self.seen if isinstance(row, dict) and row["op"] == op]
+    def received(self, op: str) -> list[dict[str, Any]]:
+        return [row for row in self.messages if isinstance(row, dict) and row["op"] == op]
 
     def now_ns(self) -> int:
         return time.time_ns() + self.skew_ns
 
     async def handle(self, socket: ServerConnection) -> None:
-        if self.refuse_as is not None:
-            await socket.close(self.refuse_as)
+        if self.close_code is not None:
+            await socket.close(self.close_code)
             return
         self._count += 1
         session = FakeSession(f"s{self._count}")
@@ -117,7 +117,7 @@ class FakeServer:
         ticker = asyncio.create_task(self.tick(socket, holder))
         try:
             async for content in socket:
-                await self.heard(socket, holder, content)
+                await self.handle_message(socket, holder, content)
         except ConnectionClosed:
             pass
         finally:
@@ -147,54 +147,54 @@ class FakeServer:
             return
         before, channel.phase = channel.phase, channel.phase + channel.speed * step_s / verb.duration
         if before < 0.5 <= channel.phase:
-            told = {"op": "event", "channel": channel.number, "name": "half", "phase": 0.5}
-            await socket.send(json.dumps(told))
+            fields = {"op": "event", "channel": channel.number, "name": "half", "phase": 0.5}
+            await socket.send(json.dumps(fields))
         if channel.phase >= 1.0 and not verb.looping:
             channel.phase, channel.ended = 1.0, True
             await socket.send(json.dumps({"op": "end", "channel": channel.number}))
         channel.phase = channel.phase if channel.ended else channel.phase % 1.0
 
-    async def heard(self, socket: ServerConnection, holder: list[FakeSession], content: str | bytes) -> None:
+    async def handle_message(self, socket: ServerConnection, holder: list[FakeSession], content: str | bytes) -> None:
         session = holder[0]
         if isinstance(content, bytes):
             op, _, number = struct.unpack_from("<BBH", content)
             numbers = list(struct.unpack_from(f"<{(len(content) - 4) // 4}f", content, 4))
-            self.seen.append((op, number, numbers))
+            self.messages.append((op, number, numbers))
             if number not in session.channels:
-                await self.refused(socket, number, "unknown_channel")
+                await self.send_error(socket, number, "unknown_channel")
             elif len(numbers) != len(session.channels[number].adverbs):
-                await self.refused(socket, number, "bad_message")
+                await self.send_error(socket, number, "bad_message")
             else:
                 session.channels[number].adverbs = numbers
             return
-        told = json.loads(content)
-        self.seen.append(told)
-        if told["op"] not in self.mute:
-            await getattr(self, f"on_{told['op']}")(socket, holder, told)
+        fields = json.loads(content)
+        self.messages.append(fields)
+        if fields["op"] not in self.mute:
+            await getattr(self, f"on_{fields['op']}")(socket, holder, fields)
 
-    async def refused(self, socket: ServerConnection, channel: int | None, code: str) -> None:
+    async def send_error(self, socket: ServerConnection, channel: int | None, code: str) -> None:
         await socket.send(json.dumps({"op": "error", "channel": channel, "code": code, "detail": f"it is {code}"}))
 
-    async def on_ping(self, socket, holder, told) -> None:
-        await socket.send(json.dumps({"op": "pong", "t": told["t"], "server_time_ns": self.now_ns()}))
+    async def on_ping(self, socket, holder, fields) -> None:
+        await socket.send(json.dumps({"op": "pong", "t": fields["t"], "server_time_ns": self.now_ns()}))
 
-    async def on_open(self, socket, holder, told) -> None:
-        number, session = told["channel"], holder[0]
+    async def on_open(self, socket, holder, fields) -> None:
+        number, session = fields["channel"], holder[0]
         if self.not_ready:
             self.not_ready -= 1
-            return await self.refused(socket, number, "not_ready")
-        if told["verb"] not in self.verbs:
-            return await self.refused(socket, number, "unknown_verb")
+            return await self.send_error(socket, number, "not_ready")
+        if fields["verb"] not in self.verbs:
+            return await self.send_error(socket, number, "unknown_verb")
         if number in session.channels:
-            return await self.refused(socket, number, "channel_in_use")
-        channel = FakeChannel(number, told["verb"], self.middle(told), ENCODINGS[told.get("encoding", "f32")])
+            return await self.send_error(socket, number, "channel_in_use")
+        channel = FakeChannel(number, fields["verb"], self.middle(fields), ENCODINGS[fields.get("encoding", "f32")])
         for name in ("phase", "speed", "play", "fps"):
-            setattr(channel, name, told.get(name, getattr(channel, name)))
+            setattr(channel, name, fields.get(name, getattr(channel, name)))
         session.channels[number] = channel
         return await self.opened(socket, channel, resumed=False)
 
-    def middle(self, told) -> list[float]:
-        given, ranges = told.get("adverbs", {}), self.verbs[told["verb"]].adverbs
+    def middle(self, fields) -> list[float]:
+        given, ranges = fields.get("adverbs", {}), self.verbs[fields["verb"]].adverbs
         return [given.get(name, 0.5 * (low + high)) for name, (low, high) in ranges.items()]
 
     async def opened(self, socket, channel: FakeChannel, *, resumed: bool) -> None:
@@ -204,7 +204,7 @@ class FakeServer:
             {"name": name, "unit": "m", "min": low, "max": high, "style": False}
             for name, (low, high) in verb.adverbs.items()
         ]
-        told = {
+        fields = {
             "op": "opened",
             "channel": channel.number,
             "verb": channel.verb,
@@ -223,34 +223,34 @@ class FakeServer:
             "record_bytes": record_bytes(channel.encoding, count),
             "resumed": resumed,
         }
-        await socket.send(json.dumps(told))
+        await socket.send(json.dumps(fields))
 
-    async def on_set(self, socket, holder, told) -> None:
-        channel = holder[0].channels.get(told["channel"])
+    async def on_set(self, socket, holder, fields) -> None:
+        channel = holder[0].channels.get(fields["channel"])
         if channel is None:
-            return await self.refused(socket, told["channel"], "unknown_channel")
+            return await self.send_error(socket, fields["channel"], "unknown_channel")
         names = list(self.verbs[channel.verb].adverbs)
-        for name, value in told.get("adverbs", {}).items():
+        for name, value in fields.get("adverbs", {}).items():
             channel.adverbs[names.index(name)] = value
         for name in ("phase", "speed", "play", "fps"):
-            setattr(channel, name, told.get(name, getattr(channel, name)))
+            setattr(channel, name, fields.get(name, getattr(channel, name)))
         return None
 
-    async def on_switch(self, socket, holder, told) -> None:
-        channel = holder[0].channels[told["channel"]]
-        if told["verb"] not in self.verbs:
-            return await self.refused(socket, told["channel"], "unknown_verb")
-        channel.verb, channel.adverbs, channel.phase = told["verb"], self.middle(told), 0.0
+    async def on_switch(self, socket, holder, fields) -> None:
+        channel = holder[0].channels[fields["channel"]]
+        if fields["verb"] not in self.verbs:
+            return await self.send_error(socket, fields["channel"], "unknown_verb")
+        channel.verb, channel.adverbs, channel.phase = fields["verb"], self.middle(fields), 0.0
         return await self.opened(socket, channel, resumed=False)
 
-    async def on_close(self, socket, holder, told) -> None:
-        holder[0].channels.pop(told["channel"], None)
+    async def on_close(self, socket, holder, fields) -> None:
+        holder[0].channels.pop(fields["channel"], None)
 
-    async def on_resume(self, socket, holder, told) -> None:
-        session = self.sessions.get(told["session"])
+    async def on_resume(self, socket, holder, fields) -> None:
+        session = self.sessions.get(fields["session"])
         if session is None:
-            return await self.refused(socket, None, "unknown_session")
-        session.dropped += session.sequence - told["last_seq"]
+            return await self.send_error(socket, None, "unknown_session")
+        session.dropped += session.sequence - fields["last_seq"]
         for channel in session.channels.values():
             await self.opened(socket, channel, resumed=True)
         holder[0] = session
@@ -261,14 +261,14 @@ class FakeServer:
         await asyncio.gather(*(socket.close(code) for socket in list(self.sockets)))
 
     def forget(self) -> None:
-        """Be another process, with another clock."""
+        """Simulate a restart, with another clock."""
         self.sessions.clear()
         self.skew_ns += 3_600 * 10**9
 
     async def drain(self, after_s: float) -> None:
-        told = json.dumps({"op": "drain", "detail": "stopping", "reconnect_after_s": after_s})
+        fields = json.dumps({"op": "drain", "detail": "stopping", "reconnect_after_s": after_s})
         for socket in list(self.sockets):
-            await socket.send(told)
+            await socket.send(fields)
         await self.drop(1012)
 
 
@@ -284,7 +284,7 @@ async def running(verbs: dict[str, FakeVerb] | None = None, port: int = 0):
 
 @contextmanager
 def running_aside(verbs: dict[str, FakeVerb] | None = None):
-    """A fake server in a thread, for clients that have no event loop; its loop comes with it."""
+    """A fake server in a thread, for clients without an event loop; yields it with its loop."""
     started, box = threading.Event(), {}
 
     async def main() -> None:

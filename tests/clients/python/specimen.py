@@ -1,4 +1,4 @@
-"""An encoder of the server's binary messages, written from docs/wire.md alone and sharing nothing with the client."""
+"""An encoder of the server's binary messages, written from docs/wire.md alone, independent of the client."""
 
 from __future__ import annotations
 
@@ -59,6 +59,6 @@ def message(records: list[Rec], *, sequence: int = 1, time_ns: int = 10**18, dro
 
 
 def record_bytes(encoding: int, count: int) -> int:
-    """Whole record, of so many joints or examples."""
+    """Length of a record with a number of joints or examples."""
     payload = (12 + 16 * count, 12 + 6 * count, 4 + 4 * count)[encoding]
     return 24 + payload + -payload % 4

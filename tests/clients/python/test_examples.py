@@ -12,7 +12,7 @@ EXAMPLES = Path(__file__).parents[3] / "clients" / "python" / "examples"
 
 
 def example(name: str, monkeypatch):
-    """An example as a module; it may import those beside it."""
+    """An example as a module, with its folder on the path."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
@@ -40,15 +40,15 @@ def test_the_game_draws_frames_without_a_screen(verb, monkeypatch, tmp_path):
         game = example("game", monkeypatch)
         arguments = ["--url", fake.url, "--verb", verb, "--frames", "30", "--screenshot", str(picture)]
         assert game.main(arguments) > 10
-        assert any(isinstance(row, tuple) for row in fake.seen)  # the goal was aimed at
-        assert fake.said("set")[0]["phase"] == pytest.approx(0.5)  # the middle of the phases that follow
+        assert any(isinstance(row, tuple) for row in fake.messages)  # the goal was sent
+        assert fake.received("set")[0]["phase"] == pytest.approx(0.5)  # the middle of the phases that follow
     image = pygame.image.load(picture)
     assert image.get_size() == game.SIZE
     middle = {tuple(image.get_at((x, y)))[:3] for x in range(380, 700, 4) for y in range(120, 620, 4)}
-    assert len(middle) > 200  # somebody is there
+    assert len(middle) > 200  # a figure is drawn
 
 
-def test_following_a_circle_prints_how_it_goes(monkeypatch, capsys):
+def test_the_follow_example_prints_a_report(monkeypatch, capsys):
     with running_aside() as (fake, _):
         follow = example("follow", monkeypatch)
         monkeypatch.setattr(sys, "argv", ["follow.py", "--url", fake.url, "--seconds", "0.6"])

@@ -1,4 +1,4 @@
-"""The jitter buffer and the two clocks, on a clock that the tests turn."""
+"""The jitter buffer and the two clocks, on a simulated clock."""
 
 import math
 import random
@@ -9,7 +9,7 @@ from adverb_client import Clock, Delays, JitterBuffer, Lateness, Record
 from adverb_client.records import LAST
 
 STEP = 1.0 / 60.0
-SERVER = 1_700_000_000.0  # the server's clock stands here when ours stands at 0
+SERVER = 1_700_000_000.0  # server time at client time 0
 TRANSIT = 0.03
 
 
@@ -55,7 +55,7 @@ def times(first: float, last: float) -> list[float]:
     return np.arange(first, last, STEP).tolist()
 
 
-def test_nothing_is_shown_before_the_first_frame():
+def test_there_is_no_pose_before_the_first_frame():
     assert Line().buffer.sample(1.0) is None
 
 
@@ -69,11 +69,11 @@ def test_on_a_perfect_line_the_delay_is_one_interval_and_motion_is_exact():
         assert sample.server_time_s - SERVER == pytest.approx(shown, abs=1e-6)
         assert sample.root[0] == pytest.approx(shown, abs=1e-5)
         np.testing.assert_allclose(sample.rotations, turn(shown), atol=1e-5)
-        assert sample.beyond_s == 0.0
+        assert sample.extrapolated_s == 0.0
         assert not sample.held
 
 
-def test_between_frames_rotations_turn_at_constant_speed_and_stay_unit():
+def test_rotations_are_interpolated_at_constant_speed():
     line = Line()
     line.send(0)
     line.coming.append((TRANSIT + 0.1, SERVER + 0.1, record(2.0)))  # 2 rad in one step
@@ -83,8 +83,8 @@ def test_between_frames_rotations_turn_at_constant_speed_and_stay_unit():
         np.testing.assert_allclose(sample.rotations, turn(2.0 * share), atol=1e-6)
 
 
-def test_the_delay_grows_to_cover_the_lateness_that_is_seen_and_shrinks_again():
-    line, rng = Line(Delays(most_s=0.3)), random.Random(5)
+def test_the_delay_follows_the_measured_lateness():
+    line, rng = Line(Delays(max_s=0.3)), random.Random(5)
     for k in range(1800):
         line.send(k, rng.uniform(0.0, 0.08) if k < 600 else 0.0)
     early = line.show(times(0.1, 9.9))
@@ -92,10 +92,10 @@ def test_the_delay_grows_to_cover_the_lateness_that_is_seen_and_shrinks_again():
     assert 0.08 < early[-1].delay_s < 0.08 + 2 * STEP
     assert late[-1].delay_s == pytest.approx(STEP, abs=1e-4)
     settled = early[300:]
-    assert sum(sample.beyond_s > 0 for sample in settled) < 0.03 * len(settled)
+    assert sum(sample.extrapolated_s > 0 for sample in settled) < 0.03 * len(settled)
 
 
-def test_time_never_runs_backwards_nor_more_than_a_little_faster_or_slower():
+def test_display_time_is_monotonic_and_its_rate_bounded():
     line, rng = Line(), random.Random(6)
     for k in range(900):
         line.send(k, rng.expovariate(1 / 0.02))
@@ -105,8 +105,8 @@ def test_time_never_runs_backwards_nor_more_than_a_little_faster_or_slower():
     assert steps.max() <= 1.11 * STEP
 
 
-def test_the_delay_keeps_to_its_bounds():
-    line, rng = Line(Delays(least_s=0.05, most_s=0.1)), random.Random(7)
+def test_the_delay_stays_within_its_bounds():
+    line, rng = Line(Delays(min_s=0.05, max_s=0.1)), random.Random(7)
     for k in range(300):
         line.send(k)
     assert line.show(times(0.2, 4.9))[-1].delay_s == pytest.approx(0.05, abs=1e-6)
@@ -115,7 +115,7 @@ def test_the_delay_keeps_to_its_bounds():
     assert line.show(times(5.0, 14.0))[-1].delay_s == pytest.approx(0.1, abs=1e-3)
 
 
-def test_lost_frames_are_bridged():
+def test_lost_frames_are_interpolated():
     line = Line()
     for k in range(120):
         if k % 3:
@@ -124,8 +124,8 @@ def test_lost_frames_are_bridged():
         assert sample.root[0] == pytest.approx(now - TRANSIT - sample.delay_s, abs=1e-5)
 
 
-def test_reordered_frames_are_put_in_order_and_doubles_are_counted():
-    line = Line(Delays(least_s=0.1))
+def test_reordered_frames_are_sorted_and_duplicates_counted():
+    line = Line(Delays(min_s=0.1))
     for k in range(60):
         line.send(k, 0.04 if k % 2 else 0.0)
     line.send(30)
@@ -135,7 +135,7 @@ def test_reordered_frames_are_put_in_order_and_doubles_are_counted():
     assert line.buffer.late == 0
 
 
-def test_frames_that_come_after_they_were_wanted_are_counted():
+def test_frames_after_their_display_time_are_counted():
     line = Line()
     for k in range(30):
         line.send(k, 0.5 if k == 20 else 0.0)
@@ -143,24 +143,24 @@ def test_frames_that_come_after_they_were_wanted_are_counted():
     assert line.buffer.late == 1
 
 
-def test_without_frames_motion_goes_on_for_a_moment_and_then_holds():
+def test_without_frames_motion_is_extrapolated_and_then_held():
     line = Line(Delays(extrapolate_s=0.1))
     for k in range(60):
         line.send(k)
     end = 59 * STEP
     samples = line.show(times(0.5, 3.0))
-    beyond = [sample for sample in samples if sample.beyond_s > 0]
+    beyond = [sample for sample in samples if sample.extrapolated_s > 0]
     moving = [sample for sample in beyond if not sample.held]
     holding = [sample for sample in beyond if sample.held]
     assert 5 <= len(moving) <= 7
     for sample in moving:
-        assert sample.root[0] == pytest.approx(end + sample.beyond_s, abs=1e-4)
-        np.testing.assert_allclose(sample.rotations, turn(end + sample.beyond_s), atol=1e-4)
+        assert sample.root[0] == pytest.approx(end + sample.extrapolated_s, abs=1e-4)
+        np.testing.assert_allclose(sample.rotations, turn(end + sample.extrapolated_s), atol=1e-4)
     for sample in holding:
         assert sample.root[0] == pytest.approx(end + 0.1, abs=1e-4)
 
 
-def test_a_motion_that_ended_is_not_prolonged():
+def test_an_ended_motion_is_not_extrapolated():
     line = Line()
     for k in range(31):
         line.send(k, flags=LAST if k == 30 else 0)
@@ -169,7 +169,7 @@ def test_a_motion_that_ended_is_not_prolonged():
     assert sample.root[0] == pytest.approx(30 * STEP, abs=1e-6)
 
 
-def test_after_a_gap_the_speed_before_it_is_not_believed():
+def test_there_is_no_extrapolation_across_a_gap():
     line = Line()
     for k in (0, 1, 2, 20):
         line.send(k)
@@ -177,7 +177,7 @@ def test_after_a_gap_the_speed_before_it_is_not_believed():
     assert line.buffer._between(SERVER + 21 * STEP, 0.0).root[0] == pytest.approx(20 * STEP, abs=1e-6)
 
 
-def test_a_loop_goes_over_its_seam_the_short_way():
+def test_phase_interpolation_wraps_at_the_end_of_a_loop():
     line = Line()
     for k in range(240):
         line.send(k)
@@ -187,7 +187,7 @@ def test_a_loop_goes_over_its_seam_the_short_way():
     assert ((phases >= 0) & (phases < 1)).all()
 
 
-def test_asking_for_an_earlier_instant_changes_nothing():
+def test_sampling_an_earlier_instant_changes_no_state():
     line = Line()
     for k in range(60):
         line.send(k)
@@ -197,7 +197,7 @@ def test_asking_for_an_earlier_instant_changes_nothing():
     assert line.buffer.sample(0.8).server_time_s == first.server_time_s
 
 
-def test_after_a_restart_the_old_pose_is_held_until_the_new_clock_begins():
+def test_after_a_restart_the_old_pose_is_held_until_the_first_new_frame():
     line = Line()
     for k in range(60):
         line.send(k)
@@ -213,7 +213,7 @@ def test_after_a_restart_the_old_pose_is_held_until_the_new_clock_begins():
     assert line.buffer.sample(5.1).root[0] == pytest.approx(9.0)
 
 
-def test_errors_are_blended_only_where_both_are_known():
+def test_errors_are_interpolated_only_where_both_are_known():
     line = Line()
     line.send(0, error=0.2)
     line.send(1, error=0.4)
@@ -224,7 +224,7 @@ def test_errors_are_blended_only_where_both_are_known():
     assert math.isnan(line.buffer._between(SERVER + 1.8 * STEP, 0.0).error)
 
 
-def test_weights_are_blended_and_a_new_number_of_them_cuts():
+def test_weights_are_interpolated_unless_their_number_changes():
     buffer = JitterBuffer(Lateness(), STEP)
     for k, weights in enumerate(([1.0, 0.0], [0.0, 1.0], [0.2, 0.3, 0.5])):
         buffer.push(k * STEP, Record(0, 0, 1, 0.0, 0.0, 0.0, 1.0, None, None, np.float32(weights)))
@@ -233,7 +233,7 @@ def test_weights_are_blended_and_a_new_number_of_them_cuts():
     assert buffer._between(0.5 * STEP, 0.0).root is None
 
 
-def test_the_quickest_ping_is_believed():
+def test_the_ping_with_the_shortest_round_trip_gives_the_offset():
     clock, rng = Clock(), random.Random(8)
     assert math.isnan(clock.offset_s)
     for k in range(50):
@@ -245,16 +245,16 @@ def test_the_quickest_ping_is_believed():
     assert clock.age_s(100.0, SERVER + 99.9) == pytest.approx(0.1, abs=0.03)
 
 
-def test_old_pings_are_forgotten_since_clocks_drift():
+def test_old_pings_are_discarded():
     clock = Clock(window_s=60.0)
     clock.add(0.0, 0.001, round(SERVER * 1e9))
     clock.add(100.0, 100.2, round((SERVER + 0.5 + 100.1) * 1e9))
     assert clock.offset_s == pytest.approx(SERVER + 0.5, abs=1e-6)
-    clock.add(200.0, 199.0, 0)  # a clock that went backwards tells nothing
+    clock.add(200.0, 199.0, 0)  # a clock that went backwards is ignored
     assert clock.round_trip_s == pytest.approx(0.2)
 
 
-def test_lateness_is_counted_from_the_earliest_of_the_last_messages():
+def test_lateness_is_relative_to_the_smallest_recent_transit():
     lateness = Lateness(window=10, quantile=0.5)
     assert lateness.measured() is None
     for k in range(10):

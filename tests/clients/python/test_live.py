@@ -1,12 +1,12 @@
-"""What any stream server must do for this client: the small one of these tests, and the real one where there is one."""
+"""Behaviour that the client requires of a stream server, on the simulated one and on the real one."""
 
 import math
 
 import numpy as np
 import pytest
-from adverb_client import Ended, Passed, Stream, errors
+from adverb_client import KeytimePassed, MotionEnded, Stream, errors
 
-from tests.clients.python.conftest import next_note, quick, until
+from tests.clients.python.conftest import next_event, quick, until
 from tests.clients.python.fake import FakeVerb, running
 
 pytestmark = pytest.mark.anyio
@@ -31,7 +31,7 @@ async def stream(url):
 
 
 @pytest.mark.parametrize("encoding", ["f32", "q48", "weights"])
-async def test_every_encoding_can_be_read(stream, encoding):
+async def test_every_encoding_is_decoded(stream, encoding):
     channel = await stream.open("arm3", adverbs=AT, encoding=encoding, phase=0.25, play=False)
     await until(lambda: channel.pose() is not None and stream.stats.messages > 3)
     sample = channel.pose()
@@ -41,18 +41,18 @@ async def test_every_encoding_can_be_read(stream, encoding):
         assert sample.weights.shape == (9,)
         assert sample.weights.sum() == pytest.approx(1.0, abs=1e-5)
     else:
-        assert sample.rotations.shape == (len(channel.told.joints), 4)
+        assert sample.rotations.shape == (len(channel.info.joints), 4)
         np.testing.assert_allclose(np.linalg.norm(sample.rotations, axis=-1), 1.0, atol=1e-6)
 
 
-async def test_events_and_the_end_are_told(stream):
+async def test_keytimes_and_the_end_are_events(stream):
     channel = await stream.open("arm3", adverbs=AT, loop=False, phase=0.4, speed=3.0)
-    assert (await next_note(stream, Passed)).channel == channel.number
-    assert (await next_note(stream, Ended)).channel == channel.number
+    assert (await next_event(stream, KeytimePassed)).channel == channel.number
+    assert (await next_event(stream, MotionEnded)).channel == channel.number
     await until(lambda: channel.pose().ended and channel.pose().phase == pytest.approx(1.0))
 
 
-async def test_refusals_have_their_codes_and_change_nothing(stream):
+async def test_error_messages_have_their_codes_and_change_nothing(stream):
     channel = await stream.open("arm3", adverbs=AT)
     with pytest.raises(errors.UnknownVerb):
         await stream.open("no such verb")
@@ -63,7 +63,7 @@ async def test_refusals_have_their_codes_and_change_nothing(stream):
     assert channel.verb == "arm3"
 
 
-async def test_a_closed_channel_is_silent_and_its_number_free(stream):
+async def test_a_closed_channel_gets_no_poses_and_its_number_is_free(stream):
     channel = await stream.open("arm3", adverbs=AT)
     other = await stream.open("arm3", adverbs=AT, encoding="q48")
     await stream.close_channel(channel)
@@ -73,7 +73,7 @@ async def test_a_closed_channel_is_silent_and_its_number_free(stream):
     assert stream.stats.decode_errors == 0, stream.stats.last_error
 
 
-async def test_pings_tell_the_clock_and_ages(stream):
+async def test_pings_give_clock_and_ages(stream):
     assert 0.0 < await stream.ping() < 2.0
     channel = await stream.open("arm3", adverbs=AT)
     await until(lambda: channel.pose() is not None and math.isfinite(stream.age_s))
@@ -93,14 +93,14 @@ async def test_a_lost_connection_is_resumed(stream):
 
 
 async def _cut(stream: Stream) -> None:
-    """Lose the connection as a network does: without a word."""
-    stream._link.socket.transport.abort()
+    """Lose the connection without a close frame."""
+    stream._connection.socket.transport.abort()
 
 
-async def test_a_held_hand_follows_its_goal_and_says_so(address, anyio_backend):
+async def test_the_hand_of_a_held_channel_follows_its_goal(address, anyio_backend):
     async with Stream(address) as stream:
         channel = await stream.open("arm3", adverbs=AT, play=False, half_life=0.0)
-        channel.set(phase=sum(channel.told.follow) / 2)
+        channel.set(phase=sum(channel.info.follow) / 2)
         for goal in ([0.5, 0.1], [0.3, -0.2]):
             channel.aim(goal)
             await until(lambda goal=goal: off(channel, goal) < 1e-4)

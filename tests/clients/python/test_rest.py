@@ -35,10 +35,10 @@ async def test_verbs_are_listed_and_described(client):
     assert verb.keytimes["start"] == 0.0
     assert verb.measure["effector"] == "Tip"
     assert verb.quality["method"] == verb.default_method
-    assert await client.verb("arm3") is verb  # the second time the server says that nothing has changed
+    assert await client.verb("arm3") is verb  # the second response is 304
 
 
-async def test_a_pose_says_the_same_as_record_and_in_full(client):
+async def test_a_record_and_a_full_response_agree(client):
     short = await client.pose("arm3", AT, phase=0.4807692307692308)
     full = await client.pose("arm3", ROW, phase=0.4807692307692308, full=True)
     np.testing.assert_allclose(short.rotations, full.rotations, atol=1e-7)
@@ -53,7 +53,7 @@ async def test_a_pose_says_the_same_as_record_and_in_full(client):
     np.testing.assert_allclose(verb.skeleton.positions(short.root, short.rotations)[3, :2], ROW, atol=1e-6)
 
 
-async def test_what_only_json_can_say(client):
+async def test_fields_of_full_responses(client):
     pose = await client.pose("arm3", AT, phase=0.5, weights=True, max_error=1e-3, method="rbf")
     assert pose.weights.sum() == pytest.approx(1.0)
     assert pose.met
@@ -63,7 +63,7 @@ async def test_what_only_json_can_say(client):
     assert pose.time_s == pytest.approx(0.2)
 
 
-async def test_crowds_by_rows_columns_and_times(client):
+async def test_batches_by_rows_columns_and_times(client):
     rng = np.random.default_rng(1)
     rows = np.column_stack([rng.uniform(0.2, 0.7, 50), rng.uniform(-0.3, 0.3, 50)])
     phases = rng.uniform(0, 1, 50)
@@ -94,10 +94,10 @@ async def test_motions_at_constant_adverbs_and_along_a_track(client):
     assert [event.name for event in full.events][:1] == ["start"]
     track = [(0.0, AT), (0.5, [0.6, 0.0])]
     binary = await client.sequence("arm3", track=track, joints=["Tip"])
-    told = await client.sequence("arm3", track=track, full=True, weights=True)
-    assert binary.rotations.shape == (len(told), 1, 4)
-    assert binary.duration_s == pytest.approx(told.duration_s, abs=1e-5)
-    assert told.weights.shape == (len(told), 9)
+    fields = await client.sequence("arm3", track=track, full=True, weights=True)
+    assert binary.rotations.shape == (len(fields), 1, 4)
+    assert binary.duration_s == pytest.approx(fields.duration_s, abs=1e-5)
+    assert fields.weights.shape == (len(fields), 9)
     assert (await client.bvh("arm3", AT)).startswith("HIERARCHY")
 
 
@@ -121,10 +121,10 @@ async def test_ready(client):
         (lambda c: c.poses("arm3", np.zeros((10_001, 2))), errors.BatchTooLarge),
     ],
 )
-async def test_each_no_is_an_error_of_its_code(client, ask, kind):
+async def test_each_error_response_raises_the_error_of_its_code(client, ask, kind):
     with pytest.raises(kind) as caught:
         await ask(client)
-    assert isinstance(caught.value, errors.Refused)
+    assert isinstance(caught.value, errors.ResponseError)
     if kind in (errors.UnknownVerb, errors.UnknownAdverb, errors.UnknownJoint, errors.UnknownMethod):
         assert caught.value.known
     if caught.value.status is not None:
@@ -133,32 +133,32 @@ async def test_each_no_is_an_error_of_its_code(client, ask, kind):
     if kind is errors.BatchTooLarge:
         assert caught.value.limit == 10_000
     if kind is errors.InvalidRequest:
-        assert caught.value.mistakes[0].at == "phase"
+        assert caught.value.field_errors[0].at == "phase"
 
 
 def test_every_code_of_the_server_has_a_class():
     for code in PROBLEMS:
-        assert errors.refusal(code) is not errors.Refused
-        assert errors.refusal(code).code == code
-    assert errors.refusal("of tomorrow") is errors.Refused
+        assert errors.error_class(code) is not errors.ResponseError
+        assert errors.error_class(code).code == code
+    assert errors.error_class("of tomorrow") is errors.ResponseError
 
 
 @pytest.mark.parametrize(
     ("ask", "match"),
     [
-        (lambda c: c.pose("arm3", [1.0]), "1 adverbs are given; 'arm3' has 2: x, y"),
+        (lambda c: c.pose("arm3", [1.0]), "1 adverbs given; 'arm3' has 2: x, y"),
         (lambda c: c.pose("arm3", {"x": float("nan"), "y": 0.0}), "finite"),
         (lambda c: c.poses("arm3", [1.0, 2.0]), "rows"),
         (lambda c: c.poses("arm3", [ROW], phases=0.1, times_s=0.1), "not both"),
         (lambda c: c.sequence("arm3"), "either"),
     ],
 )
-async def test_what_cannot_be_meant_is_refused_before_it_is_sent(client, ask, match):
+async def test_invalid_arguments_raise_before_anything_is_sent(client, ask, match):
     with pytest.raises(ValueError, match=match):
         await ask(client)
 
 
-def test_the_client_that_waits_does_the_same_over_a_socket(address):
+def test_the_blocking_client_over_a_socket(address):
     with Client(address) as client:
         assert client.wait_ready(5.0).ready
         assert {row.name for row in client.verbs()} >= {"arm3", "reach"}
@@ -168,13 +168,13 @@ def test_the_client_that_waits_does_the_same_over_a_socket(address):
         np.testing.assert_allclose(crowd.rotations[0], pose.rotations, atol=1e-6)
         assert len(client.sequence("arm3", AT)) > 10
         assert client.bvh("arm3", AT).startswith("HIERARCHY")
-        with pytest.raises(errors.Refused) as caught:
+        with pytest.raises(errors.ResponseError) as caught:
             client.verb("../livez")
         assert caught.value.status == 404
 
 
 def answering(*answers: httpx.Response) -> tuple[Client, list[float], list[httpx.Request]]:
-    """A client of a server that answers so, how long it slept, and what it asked."""
+    """A client with given responses, its delays and its requests."""
     left, slept, asked = list(answers), [], []
 
     def handle(request: httpx.Request) -> httpx.Response:
@@ -191,14 +191,14 @@ def busy(after: str = "1") -> httpx.Response:
     return httpx.Response(503, json=BUSY, headers={"Retry-After": after})
 
 
-def test_a_busy_server_is_asked_again_after_what_it_says_within_bounds():
+def test_status_503_is_retried_after_the_requested_delay_within_bounds():
     client, slept, asked = answering(busy("1"), busy("3600"), httpx.Response(200, json={"verbs": []}))
     assert client.verbs() == ()
     assert slept == [1.0, 2.0]
     assert asked[0].headers["authorization"] == "Bearer k"
 
 
-def test_a_server_that_stays_busy_is_an_error():
+def test_a_server_that_stays_overloaded_is_an_error():
     client, slept, _ = answering(*[busy("nonsense")] * 4)
     with pytest.raises(errors.Overloaded) as caught:
         client.verbs()
@@ -210,7 +210,7 @@ def test_a_server_that_stays_busy_is_an_error():
     assert slept == []
 
 
-def test_waiting_until_ready_asks_until_it_is():
+def test_wait_ready_repeats_the_request():
     ready = {"ready": True, "verbs": 3, "skipped": [{"file": "a", "problem": "b"}]}
     not_ready = httpx.Response(503, json={"code": "not_ready", "detail": "loading"})
     client, slept, _ = answering(not_ready, httpx.Response(200, json=ready))
@@ -224,7 +224,7 @@ def test_waiting_until_ready_asks_until_it_is():
 @pytest.mark.parametrize(
     ("raised", "kind"), [(httpx.ConnectError("no"), TransportError), (httpx.ReadTimeout("late"), TimedOut)]
 )
-def test_a_broken_connection_is_an_error_of_this_package(raised, kind):
+def test_transport_errors_are_errors_of_this_package(raised, kind):
     def handle(_):
         raise raised
 
@@ -240,19 +240,19 @@ def test_a_broken_connection_is_an_error_of_this_package(raised, kind):
         httpx.Response(200, json={"verbs": [{"name": "a"}]}),
     ],
 )
-def test_an_answer_that_cannot_be_read_is_a_decode_error(response):
+def test_a_malformed_response_is_a_decode_error(response):
     with pytest.raises(DecodeError):
         answering(response)[0].verbs()
 
 
 @pytest.mark.parametrize("content", [b"", bytes(35), bytes(53), b"\xff" * 52, bytes(2) + b"\x01" + bytes(49)])
-def test_records_that_do_not_fit_are_a_decode_error(content):
+def test_malformed_records_are_a_decode_error(content):
     with pytest.raises(DecodeError):
         answering(httpx.Response(200, content=content))[0].pose("a", {"x": 1.0})
 
 
 @pytest.mark.parametrize("content", [b"<html>", b"[]", b'{"errors": 5, "known": {}, "limit": "x"}'])
-def test_a_no_that_is_no_problem_document_is_still_an_error(content):
-    with pytest.raises(errors.Refused) as caught:
+def test_an_error_response_without_a_problem_document_is_an_error(content):
+    with pytest.raises(errors.ResponseError) as caught:
         answering(httpx.Response(502, content=content))[0].verbs()
     assert (caught.value.code, caught.value.status) == ("http_502", 502)

@@ -1,4 +1,4 @@
-"""The stream against a small server over a real socket."""
+"""The stream against a simulated server on a real socket."""
 
 import asyncio
 import json
@@ -6,19 +6,19 @@ import json
 import numpy as np
 import pytest
 from adverb_client import (
-    Closed,
-    Ended,
-    Found,
-    Passed,
-    Rejected,
+    CommandRejected,
+    ConnectionRestored,
+    KeytimePassed,
+    MotionEnded,
     Stream,
     StreamClosed,
+    StreamEnded,
     TimedOut,
     errors,
 )
 from adverb_client.connection import stream_url
 
-from tests.clients.python.conftest import next_note, until
+from tests.clients.python.conftest import next_event, until
 
 pytestmark = pytest.mark.anyio
 
@@ -33,22 +33,22 @@ AT = {"x": 0.5, "y": 1.0, "z": 0.5}
         ("ws://a/b?c=d", "ws://a/b?c=d"),
     ],
 )
-async def test_any_address_of_the_server_will_do(url, expected):
+async def test_every_address_of_a_server_is_accepted(url, expected):
     assert stream_url(url) == expected
 
 
 @pytest.mark.parametrize("url", ["ftp://a", "a:1", "http://"])
-async def test_other_addresses_are_refused(url):
-    with pytest.raises(ValueError, match="no address of a server"):
+async def test_other_addresses_are_rejected(url):
+    with pytest.raises(ValueError, match="not the address of a server"):
         stream_url(url)
 
 
 @pytest.mark.parametrize("encoding", ["f32", "q48", "weights"])
-async def test_poses_come_in_every_encoding(stream, encoding):
+async def test_poses_arrive_in_every_encoding(stream, encoding):
     channel = await stream.open("reach", adverbs=AT, encoding=encoding, phase=0.25, play=False)
-    assert channel.told.encoding == encoding
-    assert channel.told.keytimes == {"half": 0.5}
-    assert channel.told.follow == (0.4, 0.6)
+    assert channel.info.encoding == encoding
+    assert channel.info.keytimes == {"half": 0.5}
+    assert channel.info.follow == (0.4, 0.6)
     await until(lambda: channel.pose() is not None)
     sample = stream.pose(channel.number)
     assert sample.phase == pytest.approx(0.25)
@@ -76,35 +76,35 @@ async def test_many_channels_of_different_layouts_share_messages(stream):
 async def test_a_first_connection_is_no_reconnection(stream):
     await stream.open("reach", adverbs=AT)
     assert stream.stats.reconnects == 0
-    assert not any(isinstance(note, Found) for note in stream.take_notes())
+    assert not any(isinstance(event, ConnectionRestored) for event in stream.take_events())
 
 
-async def test_aiming_and_setting_reach_the_server(stream, fake):
+async def test_aim_and_set_are_sent(stream, fake):
     channel = await stream.open("reach", adverbs=AT)
     channel.aim([0.25, 1.0, 0.5])
-    await until(lambda: (0x10, channel.number, [0.25, 1.0, 0.5]) in fake.seen)
+    await until(lambda: (0x10, channel.number, [0.25, 1.0, 0.5]) in fake.messages)
     channel.set(adverbs={"x": -0.5}, speed=0.5)
-    await until(lambda: fake.said("set"))
-    assert fake.said("set")[-1] == {"op": "set", "channel": channel.number, "adverbs": {"x": -0.5}, "speed": 0.5}
+    await until(lambda: fake.received("set"))
+    assert fake.received("set")[-1] == {"op": "set", "channel": channel.number, "adverbs": {"x": -0.5}, "speed": 0.5}
     await until(lambda: channel.pose() is not None and abs(channel.pose().root[0] + 0.5) < 1e-6)
 
 
-async def test_of_unsent_messages_of_a_kind_the_last_is_sent(stream, fake):
+async def test_an_unsent_message_is_replaced_by_a_newer_one(stream, fake):
     channel = await stream.open("reach", adverbs=AT)
     for k in range(50):
         channel.aim([k / 100, 1.0, 0.5])
         channel.set(speed=1.0 + k)
         channel.set(adverbs={"y": float(k)})
-    await until(lambda: fake.said("set"))
-    aims = [row for row in fake.seen if isinstance(row, tuple)]
+    await until(lambda: fake.received("set"))
+    aims = [row for row in fake.messages if isinstance(row, tuple)]
     assert len(aims) == 1
     assert aims[0][2][0] == pytest.approx(0.49)
-    assert fake.said("set") == [{"op": "set", "channel": channel.number, "speed": 50.0, "adverbs": {"y": 49.0}}]
+    assert fake.received("set") == [{"op": "set", "channel": channel.number, "speed": 50.0, "adverbs": {"y": 49.0}}]
 
 
-async def test_what_cannot_be_meant_is_refused_before_it_is_sent(stream):
+async def test_invalid_arguments_raise_before_anything_is_sent(stream):
     channel = await stream.open("reach", adverbs=AT)
-    with pytest.raises(ValueError, match="2 adverbs are given; 'reach' has 3: x, y, z"):
+    with pytest.raises(ValueError, match="2 adverbs given; 'reach' has 3: x, y, z"):
         channel.aim([0.0, 1.0])
     with pytest.raises(ValueError, match="finite"):
         channel.set(adverbs={"x": float("nan")})
@@ -114,7 +114,7 @@ async def test_what_cannot_be_meant_is_refused_before_it_is_sent(stream):
         await stream.open("reach", number=channel.number)
 
 
-async def test_the_servers_no_is_an_error_of_its_code(stream):
+async def test_an_error_message_raises_the_error_of_its_code(stream):
     with pytest.raises(errors.UnknownVerb, match="it is unknown_verb") as caught:
         await stream.open("nothing")
     assert caught.value.code == "unknown_verb"
@@ -126,20 +126,20 @@ async def test_the_servers_no_is_an_error_of_its_code(stream):
     await until(lambda: channel.pose() is not None)
 
 
-async def test_a_server_that_still_loads_is_asked_again(stream, fake):
+async def test_open_is_repeated_while_the_server_is_not_ready(stream, fake):
     fake.not_ready = 1
     channel = await stream.open("reach", adverbs=AT)
-    assert channel.told.verb == "reach"
+    assert channel.info.verb == "reach"
 
 
-async def test_no_answer_in_time_is_an_error_and_a_late_answer_is_closed(stream, fake):
+async def test_open_without_answer_times_out_and_a_late_answer_is_closed(stream, fake):
     fake.mute.add("open")
     with pytest.raises(TimedOut, match="open of channel 0"):
         await stream.open("reach", timeout_s=0.05)
     socket = next(iter(fake.sockets))
     channel = await _late_open(fake, socket, 0)
-    await until(lambda: fake.said("close"))
-    assert fake.said("close") == [{"op": "close", "channel": channel}]
+    await until(lambda: fake.received("close"))
+    assert fake.received("close") == [{"op": "close", "channel": channel}]
 
 
 async def _late_open(fake, socket, number: int) -> int:
@@ -151,28 +151,28 @@ async def test_switching_keeps_the_channel_and_changes_its_adverbs(stream, fake)
     channel = await stream.open("reach", adverbs=AT)
     opened = await stream.switch(channel, "board", adverbs={"u": 0.25, "v": 0.0}, transition_s=0.1)
     assert opened.verb == channel.verb == "board"
-    assert [adverb.name for adverb in channel.told.adverbs] == ["u", "v"]
+    assert [adverb.name for adverb in channel.info.adverbs] == ["u", "v"]
     channel.aim([0.5, 0.0])
-    await until(lambda: (0x10, channel.number, [0.5, 0.0]) in fake.seen)
-    assert fake.said("switch")[0]["transition_s"] == 0.1
+    await until(lambda: (0x10, channel.number, [0.5, 0.0]) in fake.messages)
+    assert fake.received("switch")[0]["transition_s"] == 0.1
 
 
-async def test_a_closed_channel_is_forgotten_and_its_last_records_do_no_harm(stream, fake):
+async def test_late_records_of_a_closed_channel_are_ignored(stream, fake):
     first = await stream.open("reach", adverbs=AT)
     second = await stream.open("reach", adverbs=AT, encoding="q48")
     await until(lambda: first.pose() is not None)
     await stream.close_channel(first)
-    await until(lambda: fake.said("close"))
+    await until(lambda: fake.received("close"))
     count = stream.stats.messages
     await until(lambda: stream.stats.messages > count + 5)
     assert stream.stats.decode_errors == 0
     assert list(stream.channels) == [second.number]
-    assert (await stream.open("reach")).number == 2  # numbers are not used again at once
+    assert (await stream.open("reach")).number == 2  # numbers are not reused at once
 
 
-async def test_a_number_that_is_taken_again_shows_nothing_of_the_channel_before(stream, fake):
+async def test_a_reused_channel_number_shows_no_pose_of_the_old_channel(stream, fake):
     first = await stream.open("reach", adverbs=AT)
-    fake.mute = {"close", "open"}  # its records go on, as those do that were under way
+    fake.mute = {"close", "open"}  # its records continue, like those in flight
     await stream.close_channel(first)
     asked = asyncio.create_task(stream.open("reach", number=first.number, encoding="weights", timeout_s=1.0))
     count = stream.stats.messages
@@ -184,42 +184,42 @@ async def test_a_number_that_is_taken_again_shows_nothing_of_the_channel_before(
         await asked
 
 
-async def test_keytimes_and_ends_are_told(stream):
+async def test_keytimes_and_ends_are_events(stream):
     channel = await stream.open("once", adverbs={"x": 0.0})
-    passed, ended = await next_note(stream, Passed), await next_note(stream, Ended)
+    passed, ended = await next_event(stream, KeytimePassed), await next_event(stream, MotionEnded)
     assert (passed.channel, passed.name, passed.phase) == (channel.number, "half", 0.5)
     assert ended.channel == channel.number
     await until(lambda: channel.pose() is not None and channel.pose().ended)
     assert channel.pose().phase == pytest.approx(1.0)
 
 
-async def test_an_error_that_nobody_waits_for_is_a_note(stream):
+async def test_an_error_without_a_pending_request_is_an_event(stream):
     channel = await stream.open("reach", adverbs=AT)
     stream._outbox.put(None, {"op": "set", "channel": 999, "speed": 1.0})
-    rejected = await next_note(stream, Rejected)
+    rejected = await next_event(stream, CommandRejected)
     assert rejected.channel == 999
     assert isinstance(rejected.error, errors.UnknownChannel)
     await until(lambda: channel.pose() is not None)
 
 
-async def test_notes_may_go_to_a_callback(fake):
+async def test_events_can_go_to_a_callback(fake):
     seen = []
-    async with Stream(fake.url, on_note=seen.append) as stream:
+    async with Stream(fake.url, on_event=seen.append) as stream:
         await stream.open("once", adverbs={"x": 0.0})
-        await until(lambda: any(isinstance(note, Ended) for note in seen))
-        assert not stream.take_notes()
-    assert isinstance(seen[-1], Closed)
+        await until(lambda: any(isinstance(event, MotionEnded) for event in seen))
+        assert not stream.take_events()
+    assert isinstance(seen[-1], StreamEnded)
 
 
-async def test_notes_that_nobody_fetches_are_bounded_and_counted(fake):
-    async with Stream(fake.url, max_notes=3) as stream:
+async def test_unread_events_are_bounded_and_counted(fake):
+    async with Stream(fake.url, max_events=3) as stream:
         for _ in range(5):
             await stream.open("reach")
-        assert stream.stats.notes_dropped == 2
-        assert [note.channel for note in stream.take_notes()] == [2, 3, 4]
+        assert stream.stats.events_dropped == 2
+        assert [event.channel for event in stream.take_events()] == [2, 3, 4]
 
 
-async def test_the_servers_clock_is_learnt(fake):
+async def test_the_servers_clock_is_estimated(fake):
     fake.skew_ns = 3_600 * 10**9
     async with Stream(fake.url) as stream:
         trip_s = await stream.ping()
@@ -232,20 +232,20 @@ async def test_the_servers_clock_is_learnt(fake):
         assert stream.lateness_s >= 0.0
 
 
-async def test_what_is_set_during_a_switch_is_meant_for_the_new_verb(stream, fake):
+async def test_settings_during_a_switch_apply_to_the_new_verb(stream, fake):
     channel = await stream.open("reach", adverbs=AT)
     switching = asyncio.create_task(stream.switch(channel, "board"))
-    await asyncio.sleep(0)  # it is asked for, and not answered
+    await asyncio.sleep(0)  # sent, without an answer
     assert channel.switch is not None
     channel.set(adverbs={"u": 0.25})
     channel.aim([0.5, 0.5])
     await switching
-    assert "adverbs" not in fake.said("switch")[0]
-    assert channel.wanted["adverbs"] == {"u": 0.5, "v": 0.5}
-    await until(lambda: (0x10, channel.number, [0.5, 0.5]) in fake.seen)
+    assert "adverbs" not in fake.received("switch")[0]
+    assert channel.desired["adverbs"] == {"u": 0.5, "v": 0.5}
+    await until(lambda: (0x10, channel.number, [0.5, 0.5]) in fake.messages)
 
 
-async def test_messages_that_cannot_be_read_are_counted_and_passed_over(stream, fake):
+async def test_malformed_messages_are_counted_and_ignored(stream, fake):
     channel = await stream.open("reach", adverbs=AT)
     await until(lambda: channel.pose() is not None)
     socket = next(iter(fake.sockets))
@@ -272,14 +272,14 @@ async def test_gaps_in_the_sequence_are_counted(stream, fake):
     await until(lambda: stream.stats.stale > 2)
 
 
-async def test_closing_ends_iteration_and_waiting(fake):
+async def test_close_ends_iteration_and_pending_requests(fake):
     stream = Stream(fake.url)
     await stream.connect()
     fake.mute.add("open")
     opening = asyncio.create_task(stream.open("reach"))
-    await until(lambda: fake.said("open"))
+    await until(lambda: fake.received("open"))
     await stream.close()
     await stream.close()
     with pytest.raises(StreamClosed, match="closed by this client"):
         await opening
-    assert [type(note) async for note in stream] == [Closed]
+    assert [type(event) async for event in stream] == [StreamEnded]

@@ -5,7 +5,7 @@ import threading
 import time
 
 import pytest
-from adverb_client import Ended, StreamClosed, SyncStream, TimedOut, errors
+from adverb_client import MotionEnded, StreamClosed, SyncStream, TimedOut, errors
 
 from tests.clients.python.conftest import quick
 from tests.clients.python.fake import running_aside
@@ -22,11 +22,11 @@ def server():
 def until(true, within_s: float = 5.0) -> None:
     end = time.monotonic() + within_s
     while not true():
-        assert time.monotonic() < end, "it did not come true in time"
+        assert time.monotonic() < end, "the condition is not met in time"
         time.sleep(0.005)
 
 
-def test_it_does_what_the_other_does_without_waiting_for_poses(server):
+def test_methods_work_like_those_of_stream(server):
     fake, _ = server
     with SyncStream(fake.url) as stream:
         assert stream.live
@@ -38,14 +38,14 @@ def test_it_does_what_the_other_does_without_waiting_for_poses(server):
         assert 0.0 < stream.ping() < 1.0
         assert stream.clock.known
         assert stream.switch(channel, "once", adverbs={"x": 0.1}).verb == "once"
-        until(lambda: any(isinstance(note, Ended) for note in stream.take_notes()))
+        until(lambda: any(isinstance(event, MotionEnded) for event in stream.take_events()))
         stream.close_channel(channel)
         assert not stream.channels
         assert stream.stats.decode_errors == 0
     assert stream.closed
 
 
-def test_it_comes_back_after_a_lost_connection(server):
+def test_it_reconnects(server):
     fake, loop = server
     with SyncStream(fake.url, backoff=quick()) as stream:
         channel = stream.open("reach", adverbs=AT)
@@ -55,7 +55,7 @@ def test_it_comes_back_after_a_lost_connection(server):
         assert channel.pose() is not None
 
 
-def test_several_threads_may_steer_and_look(server):
+def test_several_threads_can_aim_and_read_poses(server):
     fake, _ = server
     with SyncStream(fake.url) as stream:
         channels = [stream.open("reach", adverbs=AT) for _ in range(4)]
@@ -78,7 +78,7 @@ def test_several_threads_may_steer_and_look(server):
         until(lambda: all(c.pose() is not None and abs(c.pose().root[0] - 0.995) < 1e-6 for c in channels))
 
 
-def test_errors_come_through_and_the_thread_ends(server):
+def test_errors_are_raised_and_the_thread_ends(server):
     fake, _ = server
     before = threading.active_count()
     stream = SyncStream(fake.url)

@@ -1,4 +1,4 @@
-"""The decoder reads what an encoder written from docs/wire.md writes, and nothing else."""
+"""The decoder accepts what an encoder written from docs/wire.md produces, and rejects everything else."""
 
 import contextlib
 import math
@@ -56,7 +56,7 @@ tops = st.fixed_dictionaries(
 
 @settings(max_examples=60)
 @given(st.lists(records(), max_size=8), tops)
-def test_what_is_encoded_comes_back(sent, top):
+def test_decoding_inverts_encoding(sent, top):
     found = decode_message(message(sent, **top), LAYOUTS)
     assert {"sequence": found.sequence, "time_ns": found.time_ns, "dropped": found.dropped} == top
     got = list(found.records())
@@ -86,7 +86,7 @@ def angle(found, expected) -> float:
 
 @settings(max_examples=60)
 @given(turns())
-def test_smallest_three_are_within_what_is_promised_and_unit(turn):
+def test_q48_is_within_its_tolerance_and_unit(turn):
     content = message([Rec(1, 1, rotations=[turn] * 2)])
     record = next(decode_message(content, {1: Layout(1, 2)}).records())
     assert angle(record.rotations, [turn] * 2) < Q48_RAD
@@ -95,49 +95,49 @@ def test_smallest_three_are_within_what_is_promised_and_unit(turn):
 
 @settings(max_examples=30)
 @given(st.lists(records(), min_size=1, max_size=5), st.data())
-def test_a_message_that_is_cut_or_longer_is_refused(sent, data):
+def test_a_truncated_or_longer_message_is_rejected(sent, data):
     content = message(sent)
     with pytest.raises(DecodeError):
         decode_message(content[: data.draw(st.integers(0, len(content) - 1))], LAYOUTS)
-    with pytest.raises(DecodeError, match="behind the last"):
+    with pytest.raises(DecodeError, match="after the last"):
         decode_message(content + bytes(data.draw(st.integers(1, 40))), LAYOUTS)
 
 
 @settings(max_examples=60)
 @given(st.one_of(st.binary(max_size=300), st.binary(max_size=300).map(lambda rest: b"\x01\x01\x03\x00" + rest)))
-def test_noise_is_refused_or_read_but_nothing_else_happens(noise):
+def test_noise_is_decoded_or_raises_a_decode_error(noise):
     try:
         found = decode_message(noise, LAYOUTS)
     except DecodeError:
         return
-    assert 20 + sum(group.heads.nbytes for group in found.groups) == len(noise)
+    assert 20 + sum(batch.headers.nbytes for batch in found.batches) == len(noise)
 
 
 @settings(max_examples=40)
 @given(st.lists(records(), min_size=1, max_size=4), st.data())
-def test_a_flipped_byte_never_gives_another_error(sent, data):
+def test_a_flipped_byte_raises_no_other_error(sent, data):
     content = bytearray(message(sent))
     content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     with contextlib.suppress(DecodeError):
         decode_message(bytes(content), LAYOUTS)
 
 
-def test_many_channels_of_one_layout_are_one_group_of_views():
+def test_many_channels_of_one_layout_are_one_batch_of_views():
     sent = [Rec(k, rotations=[(0.0, 0.0, 0.0, 1.0)] * 3) for k in range(200)]
     content = message(sent)
     found = decode_message(content, {k: Layout(0, 3) for k in range(200)})
-    assert [len(group.heads) for group in found.groups] == [200]
-    assert found.groups[0].rotations.shape == (200, 3, 4)
-    assert not found.groups[0].rotations.flags.writeable
+    assert [len(batch.headers) for batch in found.batches] == [200]
+    assert found.batches[0].rotations.shape == (200, 3, 4)
+    assert not found.batches[0].rotations.flags.writeable
 
 
-def test_65535_records_of_alternating_layouts_are_read_in_reasonable_time():
+def test_alternating_layouts_are_decoded():
     sent = [Rec(0).encode(), Rec(1, 1, rotations=[(0, 0, 0, 1)]).encode()]
     content = struct.pack("<BBHIQI", 1, 1, 2000, 1, 0, 0) + b"".join(sent) * 1000
-    assert len(decode_message(content, {0: Layout(0, 0), 1: Layout(1, 1)}).groups) == 2000
+    assert len(decode_message(content, {0: Layout(0, 0), 1: Layout(1, 1)}).batches) == 2000
 
 
-def test_a_new_version_may_have_more_examples_than_were_promised():
+def test_a_new_version_may_have_more_examples():
     content = message([Rec(2, 2, weights=[0.5, 0.25, 0.25])])
     record = next(decode_message(content, {2: Layout(2, 9)}).records())
     np.testing.assert_array_equal(record.weights, [0.5, 0.25, 0.25])
@@ -150,31 +150,31 @@ def test_a_new_version_may_have_more_examples_than_were_promised():
         (b"\x02\x01" + bytes(18), "message 0x02"),
         (b"\x01\x02" + bytes(18), "wire version 2"),
         (message([Rec(77)]), "channel 77, which is not open"),
-        (message([Rec(1, 0, rotations=[(0, 0, 0, 1)])]), "encoding 0 on channel 1, which has 1"),
-        (message([Rec(0, root=(math.nan, 0, 0), rotations=[(0, 0, 0, 1)])]), "not finite"),
-        (message([Rec(0, rotations=[(0, math.inf, 0, 1)])]), "not finite"),
-        (message([Rec(0, phase=math.nan, rotations=[(0, 0, 0, 1)])]), "not finite"),
-        (message([Rec(2, 2, duration=math.inf)]), "not finite"),
+        (message([Rec(1, 0, rotations=[(0, 0, 0, 1)])]), "encoding 0 on channel 1, which has encoding 1"),
+        (message([Rec(0, root=(math.nan, 0, 0), rotations=[(0, 0, 0, 1)])]), "finite"),
+        (message([Rec(0, rotations=[(0, math.inf, 0, 1)])]), "finite"),
+        (message([Rec(0, phase=math.nan, rotations=[(0, 0, 0, 1)])]), "finite"),
+        (message([Rec(2, 2, duration=math.inf)]), "finite"),
     ],
 )
-def test_errors_say_what_is_wrong(content, match):
+def test_decode_errors_state_the_problem(content, match):
     with pytest.raises(DecodeError, match=match):
         decode_message(content, LAYOUTS)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 22])
 @pytest.mark.parametrize("name", ["f32", "q48", "weights"])
-def test_a_promised_layout_has_the_promised_length(name, count):
+def test_the_layout_of_opened_has_its_length(name, count):
     length = record_bytes({"f32": 0, "q48": 1, "weights": 2}[name], count)
-    layout = Layout.promised(name, count, length)
+    layout = Layout.from_opened(name, count, length)
     assert (layout.count, layout.record_bytes) == (count, length)
-    with pytest.raises(DecodeError, match="cannot hold"):
-        Layout.promised(name, count, length + 2)
-    with pytest.raises(DecodeError, match="not known"):
-        Layout.promised("f64", count, length)
+    with pytest.raises(DecodeError, match="do not fit"):
+        Layout.from_opened(name, count, length + 2)
+    with pytest.raises(DecodeError, match="unknown encoding"):
+        Layout.from_opened("f64", count, length)
 
 
-def test_adverbs_are_written_as_the_table_says():
+def test_adverbs_are_encoded_as_specified():
     assert encode_adverbs(513, [1.0, -2.0]) == bytes([0x10, 0, 1, 2]) + struct.pack("<ff", 1.0, -2.0)
     with pytest.raises(ValueError, match="channel"):
         encode_adverbs(65_536, [1.0])

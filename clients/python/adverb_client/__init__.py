@@ -9,7 +9,7 @@ from adverb_client import errors
 from adverb_client.api import PoseOptions
 from adverb_client.async_client import AsyncClient
 from adverb_client.backoff import Backoff
-from adverb_client.channel import Channel, OpenOptions
+from adverb_client.channel import Channel
 from adverb_client.client import Client
 from adverb_client.clock import Clock, Lateness
 from adverb_client.errors import AdverbError, DecodeError, ResponseError, StreamClosed, TimedOut, TransportError
@@ -39,6 +39,7 @@ from adverb_client.models import (
     Verb,
     VerbSummary,
 )
+from adverb_client.options import OpenOptions
 from adverb_client.session import Stats
 from adverb_client.skeleton import Skeleton
 from adverb_client.stream import Stream

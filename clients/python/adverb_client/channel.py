@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal, TypedDict
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,61 +12,15 @@ import numpy.typing as npt
 from adverb_client.errors import ResponseError
 from adverb_client.jitter import JitterBuffer, Sample
 from adverb_client.messages import ChannelOpened
+from adverb_client.options import OpenOptions, checked
 from adverb_client.skeleton import Skeleton, Space
 from adverb_client.wire import encode_adverbs
 
-__all__ = ["Channel", "OpenOptions", "Post"]
+__all__ = ["Channel", "Post"]
 
 Numbers = npt.NDArray[Any] | Sequence[float]
 Post = Callable[[tuple[str, int], Mapping[str, Any] | bytes], None]
 """Queues a message. A newer message with the same key replaces one that is not sent yet."""
-
-
-class OpenOptions(TypedDict, total=False):
-    """Optional settings of a channel; the server has defaults for all of them.
-
-    Parameters
-    ----------
-    adverbs : mapping of str to float
-        All adverbs of the verb, in their units.
-    fps : int
-        Frames per second, 1–120.
-    method : str
-    space : str
-        ``local`` or ``global``.
-    encoding : str
-        ``f32``, ``q48`` (a third of the bytes, within 0.00015 rad) or ``weights`` (the client blends).
-    frame : str
-        Axes and unit of length: ``gltf``, ``unity``, ``unreal`` or ``zup``.
-    joints : sequence of str
-        Only these joints, in this order.
-    phase : float
-        Start phase, 0–1.
-    speed : float
-        Playback rate, −10 to 10: 1 is as captured, negative is backwards.
-    play : bool
-        Whether the phase advances.
-    loop : bool
-        Whether to start again at the end.
-    half_life : float
-        Time in which half the distance between the displayed adverbs and the goal is covered, seconds, 0–10.
-    follow : bool
-        Whether the effector of a held channel stays on the goal.
-    """
-
-    adverbs: Mapping[str, float]
-    fps: int
-    method: str
-    space: Space
-    encoding: Literal["f32", "q48", "weights"]
-    frame: Literal["gltf", "unity", "unreal", "zup"]
-    joints: Sequence[str]
-    phase: float
-    speed: float
-    play: bool
-    loop: bool
-    half_life: float
-    follow: bool
 
 
 _SETTINGS = ("adverbs", "speed", "play", "loop", "fps", "half_life", "follow")
@@ -101,13 +54,8 @@ class Channel:
         self.number = number
         self.opened: ChannelOpened | None = None
         self.error: ResponseError | None = None
-        self.desired: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-        self.desired |= {"verb": verb}
-        if "joints" in self.desired:
-            self.desired["joints"] = list(self.desired["joints"])
+        self.desired: dict[str, Any] = {**checked(options), "verb": verb}
         self.has_all_adverbs = "adverbs" in self.desired  # otherwise only those that were set
-        if self.has_all_adverbs:
-            self.desired["adverbs"] = _finite(self.desired["adverbs"])
         self.buffer, self.lock = buffer, asyncio.Lock()
         self.switch: dict[str, Any] | None = None  # sent, without an answer so far
         self.pending_phase: float | None = None  # a phase that was set; the server may not have it
@@ -207,21 +155,17 @@ class Channel:
         Raises
         ------
         ValueError
-            If a number is not finite.
+            If a value is out of range or not finite.
         """
-        given = {"speed": speed, "phase": phase, "half_life": half_life}
-        changed: dict[str, Any] = {name: float(number) for name, number in given.items() if number is not None}
-        _finite(changed)
-        rest = {"play": play, "loop": loop, "fps": fps, "follow": follow}
-        changed |= {name: value for name, value in rest.items() if value is not None}
-        if adverbs is not None:
-            changed["adverbs"] = _finite(adverbs)
+        given = {"adverbs": adverbs, "speed": speed, "phase": phase, "play": play, "loop": loop, "fps": fps}
+        changed = checked({**given, "half_life": half_life, "follow": follow})
+        if "adverbs" in changed:
             known = self._deferred if self.switch is not None else self.desired.setdefault("adverbs", {})
             known.update(changed["adverbs"])
         self.desired |= {name: value for name, value in changed.items() if name != "adverbs"}
         self.pending_phase = changed.get("phase", self.pending_phase)
-        if fps is not None:
-            self.buffer.interval_s = 1.0 / fps
+        if "fps" in changed:
+            self.buffer.interval_s = 1.0 / changed["fps"]
         if changed:
             self._post(("set", self.number), {"op": "set", "channel": self.number, **changed})
 
@@ -271,10 +215,3 @@ class Channel:
         if self.pending_phase is not None:
             known["phase"] = self.pending_phase
         return {"op": "set", "channel": self.number, **known} if known else None
-
-
-def _finite(numbers: Mapping[str, float]) -> dict[str, float]:
-    found = {name: float(number) for name, number in numbers.items()}
-    if not all(math.isfinite(number) for number in found.values()):
-        raise ValueError(f"numbers must be finite: {found}")
-    return found

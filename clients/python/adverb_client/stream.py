@@ -12,12 +12,13 @@ from types import TracebackType
 from typing import Any, Self, Unpack
 
 from adverb_client.backoff import Backoff
-from adverb_client.channel import Channel, OpenOptions
+from adverb_client.channel import Channel
 from adverb_client.clock import Clock, Lateness
 from adverb_client.connection import Connection, stream_url
 from adverb_client.errors import AdverbError, NotReady, StreamClosed, TimedOut, TransportError
 from adverb_client.jitter import Delays, JitterBuffer, Sample
 from adverb_client.messages import ChannelOpened, Hello, ServerDraining, StreamEnded, StreamEvent
+from adverb_client.options import OpenOptions, checked
 from adverb_client.outbox import Outbox
 from adverb_client.session import Session, Stats
 
@@ -260,6 +261,8 @@ class Stream:
 
         Raises
         ------
+        ValueError
+            If the number is in use or an option is invalid; nothing is sent.
         ResponseError
             If the server rejects the request.
         TimedOut
@@ -271,7 +274,8 @@ class Stream:
         number = self._free() if number is None else number
         if not 0 <= number <= 65_535 or number in taken:
             raise ValueError(f"channel {number} is " + ("open already" if number in taken else "not 0 to 65,535"))
-        buffer = JitterBuffer(self._lateness, 1.0 / options.get("fps", DEFAULT_FPS), self._delays)
+        settings = checked(options)
+        buffer = JitterBuffer(self._lateness, 1.0 / settings.get("fps", DEFAULT_FPS), self._delays)
         channel = Channel(number, verb, options, buffer=buffer, post=self._post, now=self.now)
         taken[number] = channel
         try:
@@ -307,13 +311,11 @@ class Stream:
 
         Raises
         ------
-        ResponseError, TimedOut, StreamClosed
+        ValueError, ResponseError, TimedOut, StreamClosed
             As :meth:`open`; the channel keeps its verb.
         """
         fields = {"adverbs": adverbs, "method": method, "phase": phase, "transition_s": transition_s}
-        given = {name: value for name, value in fields.items() if value is not None}
-        if adverbs is not None:
-            given["adverbs"] = {name: float(number) for name, number in adverbs.items()}
+        given = checked(fields)
         async with channel.lock:
             channel.switch = {"op": "switch", "channel": channel.number, "verb": verb, **given}
             try:

@@ -8,11 +8,12 @@ from collections.abc import Coroutine, Mapping
 from types import TracebackType
 from typing import Any, Self, TypeVar, Unpack
 
-from adverb_client.channel import Channel, OpenOptions
+from adverb_client.channel import Channel
 from adverb_client.clock import Clock
 from adverb_client.errors import StreamClosed
 from adverb_client.jitter import Sample
 from adverb_client.messages import ChannelOpened, Hello, StreamEvent
+from adverb_client.options import OpenOptions
 from adverb_client.session import Stats
 from adverb_client.stream import Stream
 

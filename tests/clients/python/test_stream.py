@@ -93,13 +93,13 @@ async def test_an_unsent_message_is_replaced_by_a_newer_one(stream, fake):
     channel = await stream.open("reach", adverbs=AT)
     for k in range(50):
         channel.aim([k / 100, 1.0, 0.5])
-        channel.set(speed=1.0 + k)
+        channel.set(speed=k / 10)
         channel.set(adverbs={"y": float(k)})
     await until(lambda: fake.received("set"))
     aims = [row for row in fake.messages if isinstance(row, tuple)]
     assert len(aims) == 1
     assert aims[0][2][0] == pytest.approx(0.49)
-    assert fake.received("set") == [{"op": "set", "channel": channel.number, "speed": 50.0, "adverbs": {"y": 49.0}}]
+    assert fake.received("set") == [{"op": "set", "channel": channel.number, "speed": 4.9, "adverbs": {"y": 49.0}}]
 
 
 async def test_invalid_arguments_raise_before_anything_is_sent(stream):
@@ -108,10 +108,67 @@ async def test_invalid_arguments_raise_before_anything_is_sent(stream):
         channel.aim([0.0, 1.0])
     with pytest.raises(ValueError, match="finite"):
         channel.set(adverbs={"x": float("nan")})
-    with pytest.raises(ValueError, match="finite"):
-        channel.set(speed=float("inf"))
     with pytest.raises(ValueError, match="open already"):
         await stream.open("reach", number=channel.number)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"fps": 0}, "fps 0; expected an integer from 1 to 120"),
+        ({"fps": 121}, "fps 121"),
+        ({"fps": 29.97}, "fps 29.97"),
+        ({"fps": True}, "fps True"),
+        ({"fps": float("nan")}, "fps nan"),
+        ({"speed": 10.5}, "speed 10.5; expected -10 to 10"),
+        ({"speed": float("inf")}, "speed inf"),
+        ({"half_life": -0.1}, "half_life -0.1; expected 0 to 10"),
+        ({"half_life": "slow"}, "half_life 'slow'"),
+        ({"phase": 1.5}, "phase 1.5; expected 0 to 1"),
+        ({"phase": float("nan")}, "phase nan"),
+    ],
+)
+async def test_open_and_set_reject_numbers_out_of_range(stream, fake, options, match):
+    with pytest.raises(ValueError, match=match):
+        await stream.open("reach", **options)
+    assert not stream.channels
+    channel = await stream.open("reach")
+    with pytest.raises(ValueError, match=match):
+        channel.set(**options)
+    await stream.ping()
+    assert len(fake.received("open")) == 1
+    assert not fake.received("set")
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"encoding": "f64"}, "encoding 'f64'; expected one of f32, q48, weights"),
+        ({"space": "world"}, "space 'world'; expected one of local, global"),
+        ({"frame": "maya"}, "frame 'maya'; expected one of gltf, unity, unreal, zup"),
+        ({"adverbs": {"x": float("nan")}}, "finite"),
+        ({"colour": "red"}, "unknown option 'colour'"),
+        ({"number": 65_536}, "not 0 to 65,535"),
+    ],
+)
+async def test_open_rejects_unknown_options(stream, fake, options, match):
+    with pytest.raises(ValueError, match=match):
+        await stream.open("reach", **options)
+    assert not stream.channels
+    await stream.ping()
+    assert not fake.received("open")
+
+
+@pytest.mark.parametrize(
+    ("options", "match"), [({"phase": -0.1}, "phase -0.1"), ({"transition_s": 6}, "transition_s 6; expected 0 to 5")]
+)
+async def test_switch_rejects_numbers_out_of_range(stream, fake, options, match):
+    channel = await stream.open("reach")
+    with pytest.raises(ValueError, match=match):
+        await stream.switch(channel, "board", **options)
+    await stream.ping()
+    assert not fake.received("switch")
+    assert channel.switch is None
 
 
 async def test_an_error_message_raises_the_error_of_its_code(stream):

@@ -13,6 +13,7 @@ from adverb_client.errors import DecodeError
 __all__ = [
     "CLAMPED",
     "ENCODINGS",
+    "ERROR",
     "F32",
     "HEADER",
     "IN_TRANSITION",
@@ -43,6 +44,9 @@ HEADER = np.dtype(
 CLAMPED, IN_TRANSITION, NEW_VERSION, LAST = 1, 2, 4, 8
 """Bits of ``flags``; unknown bits are ignored."""
 
+ERROR = 2
+"""Place of the error in ``floats`` of a record, the only number that may be NaN."""
+
 F32, Q48, WEIGHTS = 0, 1, 2
 """Encodings, as numbered in the header."""
 
@@ -51,8 +55,8 @@ ENCODINGS = {"f32": F32, "q48": Q48, "weights": WEIGHTS}
 
 _Q48_STEPS = 16_383
 _Q48_SCALE = 1.0 / (_Q48_STEPS * math.sqrt(2.0))
-_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-"""Row k: the components that are stored where component k is omitted."""
+_ORDER = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [1, 2, 0, 3], [1, 2, 3, 0]])
+"""Row k: where x, y, z, w stand among the omitted component and the three stored ones, if component k is omitted."""
 
 Records = npt.NDArray[np.void]
 
@@ -67,15 +71,34 @@ def record_dtype(encoding: int, count: int) -> np.dtype[np.void]:
         One of ``F32``, ``Q48``, ``WEIGHTS``.
     count : int
         Number of joints; for ``WEIGHTS``: of examples.
+
+    Returns
+    -------
+    dtype
+        Fields of :data:`HEADER` and of the payload. ``floats`` overlaps them: all float32 numbers from ``phase`` on
+        that are adjacent, of which :data:`ERROR` is the error.
     """
     fields: list[tuple[str, str, tuple[int, ...]]]
     if encoding == WEIGHTS:
+        floats = 4
         fields = [("count", "<u2", ()), ("zero", "<u2", ()), ("weights", "<f4", (count,))]
     elif encoding == Q48:
+        floats = 7
         fields = [("root", "<f4", (3,)), ("words", "<u2", (count, 3)), ("padding", "<u2", (count % 2,))]
     else:
+        floats = 7 + 4 * count
         fields = [("root", "<f4", (3,)), ("rotations", "<f4", (count, 4))]
-    return np.dtype([*HEADER.descr, *fields])
+    record = np.dtype([*HEADER.descr, *fields])
+    columns = {name: (column[0], column[1]) for name, column in (record.fields or {}).items()}
+    columns["floats"] = (np.dtype(("<f4", (floats,))), columns["phase"][1])
+    return np.dtype(
+        {
+            "names": list(columns),
+            "formats": [kind for kind, _ in columns.values()],
+            "offsets": [offset for _, offset in columns.values()],
+            "itemsize": record.itemsize,
+        }
+    )
 
 
 def joint_count(content: bytes, records: int) -> int:
@@ -125,11 +148,15 @@ def parse_records(content: bytes, joints: int) -> Records:
 
 def decode_q48(words: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
     """Decode q48, "smallest three": words (..., 3) to unit quaternions (..., 4)."""
-    omitted = (words[..., :1] >> 15).astype(np.intp) + 2 * (words[..., 1:2] >> 15)
-    kept = ((words & 0x7FFF).astype(np.float64) - _Q48_STEPS) * _Q48_SCALE
-    largest = np.sqrt(np.maximum(0.0, 1.0 - (kept * kept).sum(-1, keepdims=True)))
-    rotations = np.empty((*words.shape[:-1], 4))
-    np.put_along_axis(rotations, _OTHERS[omitted[..., 0]], kept, -1)
-    np.put_along_axis(rotations, omitted, largest, -1)
-    rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)  # only malformed input exceeds length 1
-    return rotations.astype(np.float32)
+    omitted = (words[..., 0] >> 15) + 2 * (words[..., 1] >> 15)
+    parts = np.empty((*words.shape[:-1], 4))  # the omitted component, then the stored ones
+    stored = parts[..., 1:]
+    np.subtract(words & 0x7FFF, float(_Q48_STEPS), out=stored)
+    stored *= _Q48_SCALE
+    squares = np.einsum("...i,...i->...", stored, stored)
+    if (squares > 1.0).any():  # malformed input only
+        stored /= np.sqrt(np.maximum(squares, 1.0))[..., None]
+        squares = np.minimum(squares, 1.0)
+    np.sqrt(1.0 - squares, out=parts[..., 0])
+    places = _ORDER[omitted].reshape(-1, 4) + 4 * np.arange(omitted.size)[:, None]
+    return parts.reshape(-1)[places].reshape(parts.shape).astype(np.float32)

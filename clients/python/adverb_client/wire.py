@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adverb_client.errors import DecodeError
-from adverb_client.records import ENCODINGS, HEADER, Q48, WEIGHTS, decode_q48, record_dtype
+from adverb_client.records import ENCODINGS, ERROR, HEADER, Q48, WEIGHTS, decode_q48, record_dtype
 
 __all__ = ["Layout", "PoseMessage", "Record", "RecordBatch", "decode_message", "encode_adverbs"]
 
@@ -200,17 +200,15 @@ def _batch(content: bytes, at: int, left: int, layouts: Mapping[int, Layout]) ->
     whole = (len(content) - at) // kind.itemsize
     rows = np.frombuffer(content, kind, min(left, whole, _MAX_BATCH), at)
     rows = rows[: _same_layout(rows, layout, layouts)]
-    for name in ("phase", "time", "duration"):
-        _check_finite(rows[name], rows)
-    if layout.encoding == WEIGHTS:
-        weights = rows["weights"]
-        _check_finite(weights, rows)
+    finite = np.isfinite(rows["floats"])
+    finite[:, ERROR] = True
+    weights = rows["weights"] if layout.encoding == WEIGHTS else None
+    if not finite.all() or (weights is not None and not np.isfinite(weights).all()):
+        raise DecodeError(f"non-finite numbers in records of channels {rows['channel'].tolist()[:8]}")
+    if weights is not None:
         return RecordBatch(rows, None, None, weights), at + rows.nbytes
-    roots = rows["root"]
     rotations = decode_q48(rows["words"]) if layout.encoding == Q48 else rows["rotations"]
-    _check_finite(roots, rows)
-    _check_finite(rotations, rows)
-    return RecordBatch(rows, roots, rotations, None), at + rows.nbytes
+    return RecordBatch(rows, rows["root"], rotations, None), at + rows.nbytes
 
 
 def _layout_at(content: bytes, at: int, layouts: Mapping[int, Layout]) -> Layout:
@@ -244,11 +242,6 @@ def _same_layout(rows: npt.NDArray[np.void], layout: Layout, layouts: Mapping[in
         if (own.count if counts is None else counts[k]) != layout.count:
             return k
     return len(rows)
-
-
-def _check_finite(numbers: F32, rows: npt.NDArray[np.void]) -> None:
-    if not np.isfinite(numbers).all():
-        raise DecodeError(f"non-finite numbers in records of channels {rows['channel'].tolist()[:8]}")
 
 
 def encode_adverbs(channel: int, adverbs: Sequence[float] | npt.NDArray[Any]) -> bytes:

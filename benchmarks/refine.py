@@ -25,8 +25,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "clients" / "load")
 
 import httpx
 import numpy as np
+from adverb_load.client import Asked
 from adverb_load.fleet import run
-from adverb_load.player import Asked
 from adverb_load.process import Served, serve
 
 from benchmarks.timing import machine

@@ -23,8 +23,8 @@ import httpx
 import numpy as np
 import uvloop
 from adverb_load.churn import Crowd
+from adverb_load.client import Asked
 from adverb_load.goals import Goals
-from adverb_load.player import Asked
 from adverb_load.process import Served, pinned
 from adverb_load.tally import lateness_of
 

@@ -19,9 +19,9 @@ from tempfile import TemporaryDirectory
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "clients" / "load"))
 
+from adverb_load.client import Asked
 from adverb_load.fleet import Report, run
 from adverb_load.goals import fetch
-from adverb_load.player import Asked
 from adverb_load.process import Served, pinned, serve
 from adverb_load.records import HEAD
 

@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import numpy as np
 import numpy.typing as npt
+from adverb_load.effector import Reach
 from adverb_load.goals import CannotAsk, Goals, fetch
-from adverb_load.reached import Reach
 from locust import FastHttpUser, between, events, task
 
 CROWD, ROWS = 20, 200

@@ -12,10 +12,10 @@ import os
 import sys
 
 from adverb_load import chaos
+from adverb_load.client import Asked
 from adverb_load.fleet import Report, run
 from adverb_load.frames import FrameError
 from adverb_load.goals import CannotAsk
-from adverb_load.player import Asked
 
 EXAMPLES = """
 examples:

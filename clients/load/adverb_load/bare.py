@@ -16,8 +16,8 @@ from typing import Any
 
 import uvicorn
 
-from adverb_load.link import SUBPROTOCOL
 from adverb_load.records import HEADER, POSES, WIRE
+from adverb_load.websocket import SUBPROTOCOL
 
 __all__ = ["Bare"]
 

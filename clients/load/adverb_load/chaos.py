@@ -16,9 +16,9 @@ import numpy as np
 import uvloop
 
 from adverb_load import frames
+from adverb_load.client import AIM, Asked, Player
 from adverb_load.fleet import Fleet
 from adverb_load.goals import CannotAsk, Goals, base_of, fetch
-from adverb_load.player import AIM, Asked, Player
 from adverb_load.tally import Clock, Tally, Track
 
 __all__ = ["CODES", "Summary", "lines_of", "run"]

@@ -9,8 +9,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from adverb_load import frames
+from adverb_load.client import Asked, Player
 from adverb_load.goals import Goals
-from adverb_load.player import Asked, Player
 from adverb_load.tally import Clock, Tally
 
 __all__ = ["Crowd"]

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import uvloop
 
+from adverb_load.client import Asked, Player
 from adverb_load.goals import Goals, base_of
-from adverb_load.player import Asked, Player
 from adverb_load.tally import Clock, Lateness, Tally, lateness_of
 
 __all__ = ["Fleet", "Report", "play", "run"]

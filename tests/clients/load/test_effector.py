@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from adverb_load.effector import Reach
 from adverb_load.goals import Goals, base_of
-from adverb_load.reached import Reach
 
 from verbs.kernels import pose as kernels
 from verbs.kernels import quat

@@ -13,9 +13,9 @@ from typing import Any
 
 from adverb_load import frames
 from adverb_load.goals import Goals
-from adverb_load.link import Link, connect
 from adverb_load.records import HEADER, POSES, WIRE, DecodeError, Layout, decode, layout_of
 from adverb_load.tally import Clock, Tally, Track
+from adverb_load.websocket import Link, connect
 
 __all__ = ["SAMPLE", "Asked", "Player"]
 

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "clients" / "load")
 
 import httpx
 import numpy as np
-from adverb_load.client import Asked
+from adverb_load.client import Load
 from adverb_load.fleet import run
 from adverb_load.process import Served, serve
 
@@ -112,8 +112,8 @@ class Server:
 
     def lateness_ms(self, seconds: float) -> float:
         """The 99th percentile over the messages of some streams, milliseconds."""
-        asked = Asked(self.served.url, "reach", sockets=STREAMS)
-        return run(asked, seconds=seconds).lateness_ms.p99
+        load = Load(self.served.url, "reach", sockets=STREAMS)
+        return run(load, seconds=seconds).lateness_ms.p99
 
     def start(self, verb: str, **asked: object) -> str:
         """Start a refinement; its path."""

@@ -22,11 +22,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "clients" / "load")
 import httpx
 import numpy as np
 import uvloop
-from adverb_load.churn import Crowd
-from adverb_load.client import Asked
+from adverb_load.churn import Churn
+from adverb_load.client import Load
 from adverb_load.goals import Goals
 from adverb_load.process import Served, pinned
-from adverb_load.tally import lateness_of
+from adverb_load.tally import lateness_of, offset_ns_of
 
 from benchmarks.streams import CLIENT_CORE, VERB, NoCapture, capture, say, served
 from benchmarks.timing import machine
@@ -77,11 +77,11 @@ class Soak:
     Parameters
     ----------
     server : Served
-    crowd : Crowd
+    crowd : Churn
     seconds : float
     """
 
-    def __init__(self, server: Served, crowd: Crowd, seconds: float) -> None:
+    def __init__(self, server: Served, crowd: Churn, seconds: float) -> None:
         self.server, self.crowd, self.seconds = server, crowd, seconds
         self.samples: list[Sample] = []
         self.answers: Counter[int] = Counter()
@@ -141,8 +141,8 @@ class Soak:
     async def _sample(self, http: httpx.AsyncClient) -> Sample:
         """Look at the server, and at the frames since the last look."""
         tally, clock, server = self.crowd.tally, self.crowd.clock, self.server
-        late = lateness_of(tally.late_ns, clock.offset_ns)
-        now_ns = time.monotonic_ns() + clock.offset_ns
+        late = lateness_of(tally.late_ns, offset_ns_of(clock))
+        now_ns = time.monotonic_ns() + offset_ns_of(clock)
         tally.window(now_ns, now_ns + 3_600_000_000_000)
         gauges = gauges_of((await http.get("/metrics")).text)
         return Sample(
@@ -185,16 +185,16 @@ def verdict(soak: Soak, last: Sample) -> list[str]:
         wrong.append(f"requests were answered {dict(soak.answers)}")
     for tally in (soak.crowd.tally, soak.crowd.slow):
         if tally.gaps or tally.wrong:
-            wrong.append(f"{tally.gaps} messages missing without a word, {tally.wrong} unreadable: {tally.problems}")
+            wrong.append(f"{tally.gaps} messages missing unreported, {tally.wrong} unreadable: {tally.problems}")
         if unexpected := tally.codes.keys() - EXPECTED:
             wrong.append(f"errors {sorted(unexpected)}: {tally.problems}")
     return wrong
 
 
 async def _soak(server: Served, seconds: float) -> tuple[Soak, Sample]:
-    asked = Asked(server.url, VERB)
-    goals = await asyncio.to_thread(Goals.ask, server.base, VERB, np.random.default_rng(1))
-    soak = Soak(server, Crowd(asked, goals), seconds)
+    load = Load(server.url, VERB)
+    goals = await asyncio.to_thread(Goals.fetch, server.base, VERB, np.random.default_rng(1))
+    soak = Soak(server, Churn(load, goals), seconds)
     return soak, await soak.run()
 
 

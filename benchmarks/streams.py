@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import struct
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,11 +18,10 @@ from tempfile import TemporaryDirectory
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "clients" / "load"))
 
-from adverb_load.client import Asked
+from adverb_load.client import Load
 from adverb_load.fleet import Report, run
 from adverb_load.goals import fetch
 from adverb_load.process import Served, pinned, serve
-from adverb_load.records import HEAD
 
 from benchmarks.timing import machine
 
@@ -53,7 +51,7 @@ class Row:
     Parameters
     ----------
     name : str
-    asked : Asked
+    load : Load
     server : Served
     walk : bool
         Whether goals come from a walk; the bare loop has none.
@@ -64,7 +62,7 @@ class Row:
     """
 
     name: str
-    asked: Asked
+    load: Load
     server: Served
     walk: bool = True
     reports: list[Report] = field(default_factory=list)
@@ -78,7 +76,7 @@ class Row:
             waited_s.append(self.server.waited_s())
             return self.server.cpu_s()
 
-        self.reports.append(run(self.asked, seconds=seconds, probe=probe, walk=self.walk))
+        self.reports.append(run(self.load, seconds=seconds, probe=probe, walk=self.walk))
         self.waited.append((waited_s[-1] - waited_s[0]) / seconds)
 
     def least(self, figure: Callable[[Report], float]) -> float:
@@ -139,13 +137,8 @@ def served(folder: Path, **environment: str) -> Iterator[Served]:
 
 @contextmanager
 def bare(joints: int) -> Iterator[Served]:
-    """A bare push loop with records as long as those of so many joints."""
-    record = HEAD.pack(0, 0, 0, 1, 0.0, 0.0, 0.0, 1.0) + bytes(12) + struct.pack("<4f", 0, 0, 0, 1) * joints
-    opened = (
-        '{"op": "opened", "channel": 0, "encoding": "f32", "resumed": false, '
-        f'"joints": {[0] * joints}, "record_bytes": {len(record)}}}'
-    )
-    command = [sys.executable, "-m", "adverb_load.bare", "--record", record.hex(), "--opened", opened]
+    """A bare push loop with records of this number of joints."""
+    command = [sys.executable, "-m", "adverb_load.bare", "--joints", str(joints)]
     path = {"PYTHONPATH": str(PROJECT / "clients" / "load")}
     with serve(command, core=SERVER_CORE, cwd=PROJECT, environment=path) as found:
         yield found
@@ -153,7 +146,7 @@ def bare(joints: int) -> Iterator[Served]:
 
 def compare(server: Served, floor: Served, *, rounds: int, seconds: float) -> dict[str, Row]:
     """Play every load in every round."""
-    whole = Asked(server.url, VERB, method=METHOD)
+    whole = Load(server.url, VERB, method=METHOD)
     wide, many = (replace(whole, sockets=sockets, channels=channels) for sockets, channels in (WIDE, MANY))
     rows = {
         "bare": Row("600 × 1, bare push loop", replace(wide, url=floor.url), floor, walk=False),
@@ -169,13 +162,13 @@ def compare(server: Served, floor: Served, *, rounds: int, seconds: float) -> di
     return rows
 
 
-def largest(name: str, server: Served, asked_of: Callable[[int], Asked], most: int, *, seconds: float) -> str:
+def largest(name: str, server: Served, load_of: Callable[[int], Load], most: int, *, seconds: float) -> str:
     """Bisect for the largest load that holds; a line that tells it."""
     low, high, late = 0, most + 1, float("nan")
     for _ in range(STEPS):
         middle = (low + high) // 2
         say(f"largest load, {name}: trying {middle}")
-        reports = (run(asked_of(middle), seconds=seconds, probe=server.cpu_s) for _ in range(TRIES))
+        reports = (run(load_of(middle), seconds=seconds, probe=server.cpu_s) for _ in range(TRIES))
         held = next((report for report in reports if report.holds), None)
         if held is not None:
             low, late = middle, held.lateness_ms.p99
@@ -191,8 +184,8 @@ def encodings(server: Served) -> list[str]:
     for encoding in ("f32", "q48", "weights"):
         sizes = []
         for channels in (1, 60):
-            asked = Asked(server.url, VERB, encoding=encoding, channels=channels, method=METHOD)
-            sizes.append(run(asked, seconds=0.5).bytes_per_pose)
+            load = Load(server.url, VERB, encoding=encoding, channels=channels, method=METHOD)
+            sizes.append(run(load, seconds=0.5).bytes_per_pose)
         full = full if full[0] else (sizes[0], sizes[1])
         ratio = sizes[1] / full[1]
         goal = f"   (goal ≤ {100 * GOAL_BYTES:.0f} %)" if encoding == "q48" else ""
@@ -211,7 +204,7 @@ def measure(chosen: argparse.Namespace, folder: Path) -> None:
         joints = len(fetch(server.base, f"/v1/verbs/{VERB}")["skeleton"]["names"])
         with bare(joints) as floor:
             rows = compare(server, floor, rounds=chosen.rounds, seconds=chosen.seconds)
-        whole = Asked(server.url, VERB, method=METHOD)
+        whole = Load(server.url, VERB, method=METHOD)
         limits = [
             largest(
                 "sockets × 1", server, lambda k: replace(whole, sockets=k), MOST_SOCKETS, seconds=chosen.limit_seconds

@@ -1,9 +1,9 @@
-"""Load on a server's REST routes, with Locust; what the poses reach is measured again here.
+"""Load on a server's REST routes, with Locust; errors of poses are measured independently.
 
     locust -f clients/load/locustfile.py --headless --host http://127.0.0.1:8000 -u 8 -r 8 -t 10s --only-summary
 
 or ``python clients/load/rest.py``. Of the requests for one pose and for many, those at the effector's keytime are
-measured: forward kinematics of the answer, and its distance from what was asked.
+measured: forward kinematics of the response, and the distance to the requested position.
 """
 
 from __future__ import annotations
@@ -21,72 +21,65 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import numpy as np
 import numpy.typing as npt
-from adverb_load.effector import Reach
-from adverb_load.goals import CannotAsk, Goals, fetch
+from adverb_client import DecodeError
+from adverb_client.records import CLAMPED, parse_records
+from adverb_load.effector import Effector
+from adverb_load.goals import Goals, RequestError, fetch
 from locust import FastHttpUser, between, events, task
 
 CROWD, ROWS = 20, 200
 """Poses of a JSON and of a binary batch."""
 
 AGREE = 1e-4
-"""How far this measurement may be from the server's own, metres: poses are 32-bit floats."""
+"""Largest difference to the server's measurement, metres: poses are 32-bit floats."""
 
 BINARY = {"Accept": "application/octet-stream"}
 JSON = {"Accept": "application/json"}
-HEAD = [
-    ("channel", "<u2"),
-    ("encoding", "u1"),
-    ("flags", "u1"),
-    ("version", "<u4"),
-    ("phase", "<f4"),
-    ("time", "<f4"),
-    ("error", "<f4"),
-    ("duration", "<f4"),
-]
-CLAMPED = 1
 
 Numbers = npt.NDArray[np.float64]
 
 
 @dataclass(slots=True)
 class Found:
-    """What is known of the verb, and what was measured of its poses.
+    """The verb and the measurements of its poses.
 
     Parameters
     ----------
     goals : Goals or None
-    reach : Reach or None
-        None where the verb is not measured by an effector's place.
-    record : dtype or None
-        A binary record.
+    effector : Effector or None
+        None if the verb is not measured by an effector's position.
+    joints : int
+        Of the verb's skeleton.
     errors, apart : list of float
-        Errors that were measured here; distance from those that the server says.
+        Measured errors; differences to those of the server.
     clamped, disagreed : int
-        Poses outside the domain, which are not measured; poses whose error differs by too much.
+        Poses outside the domain, not measured; poses whose error differs too much.
     """
 
     goals: Goals | None = None
-    reach: Reach | None = None
-    record: np.dtype[np.void] | None = None
+    effector: Effector | None = None
+    joints: int = 0
     errors: list[float] = field(default_factory=list)
     apart: list[float] = field(default_factory=list)
     clamped: int = 0
     disagreed: int = 0
     started_s: float = 0.0
 
-    def measure(self, asked: Numbers, root: Numbers, rotations: Numbers, said: Numbers, clamped: Any) -> str | None:
-        """Measure poses (B,) at the effector's keytime; what is wrong with them."""
-        if self.reach is None:
+    def measure(
+        self, requested: Numbers, root: Numbers, rotations: Numbers, reported: Numbers, clamped: Any
+    ) -> str | None:
+        """Measure poses (B,) at the effector's keytime; returns a problem or None."""
+        if self.effector is None:
             return None
         inside = ~np.asarray(clamped, bool)
         self.clamped += int(np.count_nonzero(~inside))
-        errors = self.reach.errors(asked, root, rotations)[inside]
-        apart = np.abs(errors - said[inside])
+        errors = self.effector.errors(requested, root, rotations)[inside]
+        apart = np.abs(errors - reported[inside])
         self.errors += errors.tolist()
         self.apart += apart.tolist()
         wrong = int(np.count_nonzero(apart > AGREE))
         self.disagreed += wrong
-        return f"{wrong} poses are {apart.max():.4g} m from the error that the server says" if wrong else None
+        return f"{wrong} poses are {apart.max():.4g} m from the server's error" if wrong else None
 
 
 FOUND = Found()
@@ -94,30 +87,29 @@ RNG = random.Random(1)
 
 
 def _options(parser: Any) -> None:
-    """What can be asked for beside Locust's own."""
-    parser.add_argument("--verb", default="reach", env_var="ADVERB_LOAD_VERB", help="verb to ask for")
+    """What can be requested for beside Locust's own."""
+    parser.add_argument("--verb", default="reach", env_var="ADVERB_LOAD_VERB", help="verb to request")
 
 
-def _learn(environment: Any, **_: Any) -> None:
-    """Read all about the verb."""
+def _prepare(environment: Any, **_: Any) -> None:
+    """Fetch the description of the verb."""
     options = environment.parsed_options
     path = f"/v1/verbs/{quote(options.verb, safe='')}"
     try:
         verb = fetch(environment.host.rstrip("/"), path)
-    except CannotAsk as err:
+    except RequestError as err:
         sys.stderr.write(f"error: {err}\n")
         environment.process_exit_code = 2
         environment.runner.quit()
         return
-    joints = len(verb["skeleton"]["names"])
+    FOUND.joints = len(verb["skeleton"]["names"])
     FOUND.goals = Goals.of(verb, np.random.default_rng(1))
-    FOUND.reach = Reach.of(verb)
-    FOUND.record = np.dtype([*HEAD, ("root", "<f4", (3,)), ("rotations", "<f4", (joints, 4))])
+    FOUND.effector = Effector.of(verb)
     FOUND.started_s = time.monotonic()
 
 
-def _tell(environment: Any, **_: Any) -> None:
-    """Print what came of it."""
+def _summarise(environment: Any, **_: Any) -> None:
+    """Print the summary."""
     total, seconds = environment.stats.total, max(time.monotonic() - FOUND.started_s, 1e-9)
     if not total.num_requests:
         return
@@ -129,9 +121,9 @@ def _tell(environment: Any, **_: Any) -> None:
     ]
     if FOUND.errors:
         lines += [
-            f"error      mean {np.mean(FOUND.errors):.3g}  max {np.max(FOUND.errors):.3g} m, measured here over "
-            f"{len(FOUND.errors)} poses; {FOUND.clamped} outside the domain were left out",
-            f"agreement  within {np.max(FOUND.apart):.3g} m of what the server says; {FOUND.disagreed} poses beyond "
+            f"error      mean {np.mean(FOUND.errors):.3g}  max {np.max(FOUND.errors):.3g} m, measured over "
+            f"{len(FOUND.errors)} poses; {FOUND.clamped} outside the domain are not measured",
+            f"agreement  within {np.max(FOUND.apart):.3g} m of the server's errors; {FOUND.disagreed} poses beyond "
             f"{AGREE:g} m",
         ]
     else:
@@ -140,12 +132,12 @@ def _tell(environment: Any, **_: Any) -> None:
 
 
 class Animator(FastHttpUser):
-    """A client that asks for poses, batches and motions, as JSON and as binary records."""
+    """A client that requests poses, batches and motions, as JSON and as binary records."""
 
     wait_time = between(0.0, 0.01)
 
     def on_start(self) -> None:
-        """Learn the address."""
+        """Set the path of the verb."""
         options = self.environment.parsed_options
         self.path = f"/v1/verbs/{quote(options.verb if options else 'reach', safe='')}"
 
@@ -155,8 +147,8 @@ class Animator(FastHttpUser):
         row, phase, measured = self._one()
         body = {"adverbs": _named(row), "phase": phase}
 
-        def check(answer: Any) -> str | None:
-            return _checked_json(row[None], [answer.json()]) if measured else None
+        def check(response: Any) -> str | None:
+            return _checked_json(row[None], [response.json()]) if measured else None
 
         self._post("pose", JSON, check, json=body)
 
@@ -166,39 +158,41 @@ class Animator(FastHttpUser):
         row, phase, measured = self._one()
         body = {"adverbs": _named(row), "phase": phase}
 
-        def check(answer: Any) -> str | None:
-            return _checked_records(row[None], answer.content, measured=measured)
+        def check(response: Any) -> str | None:
+            return _checked_records(row[None], response.content, measured=measured)
 
         self._post("pose", BINARY, check, json=body)
 
     @task(4)
     def poses(self) -> None:
-        """A small crowd, JSON."""
+        """A small batch, JSON."""
         rows, phase = _rows(CROWD), _keytime()
         body = {"items": [{"adverbs": _named(row), "phase": phase} for row in rows]}
-        self._post("poses", JSON, lambda answer: _checked_json(rows, answer.json()["poses"]), json=body)
+        self._post("poses", JSON, lambda response: _checked_json(rows, response.json()["poses"]), json=body)
 
     @task(4)
     def poses_binary(self) -> None:
-        """A large crowd, rows in and records out."""
+        """A large batch, binary rows in and records out."""
         rows = _rows(ROWS)
         body = np.concatenate([rows, np.full((ROWS, 1), _keytime())], axis=1).astype("<f4").tobytes()
         headers = BINARY | {"Content-Type": "application/octet-stream"}
-        self._post("poses", headers, lambda answer: _checked_records(rows, answer.content, measured=True), data=body)
+        self._post(
+            "poses", headers, lambda response: _checked_records(rows, response.content, measured=True), data=body
+        )
 
     @task(1)
     def sequence(self) -> None:
         """A motion, JSON."""
         body = {"adverbs": _named(_rows(1)[0])}
-        self._post("sequence", JSON, lambda answer: None if answer.json()["frames"] else "no frames", json=body)
+        self._post("sequence", JSON, lambda response: None if response.json()["frames"] else "no frames", json=body)
 
     @task(1)
     def sequence_binary(self) -> None:
         """A motion, records."""
         body = {"adverbs": _named(_rows(1)[0])}
-        nobody = np.zeros((0, 3))
+        no_rows = np.zeros((0, 3))
         self._post(
-            "sequence", BINARY, lambda answer: _checked_records(nobody, answer.content, measured=False), json=body
+            "sequence", BINARY, lambda response: _checked_records(no_rows, response.content, measured=False), json=body
         )
 
     def _one(self) -> tuple[Numbers, float, bool]:
@@ -207,16 +201,16 @@ class Animator(FastHttpUser):
         return _rows(1)[0], _keytime() if measured else RNG.random(), measured
 
     def _post(self, route: str, headers: dict[str, str], check: Callable[[Any], str | None], **body: Any) -> None:
-        """Ask, and doubt the answer."""
+        """Send a request and check the response."""
         if FOUND.goals is None:
             return
         name = f"{route}, {'binary' if headers['Accept'] == BINARY['Accept'] else 'JSON'}"
-        asked = self.client.post(f"{self.path}/{route}", headers=headers, name=name, catch_response=True, **body)
-        with asked as answer:
-            if answer.status_code != 200:
-                answer.failure(f"{answer.status_code}")
-            elif (wrong := check(answer)) is not None:
-                answer.failure(wrong)
+        requested = self.client.post(f"{self.path}/{route}", headers=headers, name=name, catch_response=True, **body)
+        with requested as response:
+            if response.status_code != 200:
+                response.failure(f"{response.status_code}")
+            elif (wrong := check(response)) is not None:
+                response.failure(wrong)
 
 
 def _rows(count: int) -> Numbers:
@@ -228,7 +222,7 @@ def _rows(count: int) -> Numbers:
 
 
 def _keytime() -> float:
-    return FOUND.reach.phase if FOUND.reach is not None else 0.5
+    return FOUND.effector.phase if FOUND.effector is not None else 0.5
 
 
 def _named(row: Numbers) -> dict[str, float]:
@@ -236,23 +230,23 @@ def _named(row: Numbers) -> dict[str, float]:
 
 
 def _checked_json(rows: Numbers, poses: list[dict[str, Any]]) -> str | None:
-    """What is wrong with poses at the keytime."""
-    said = [np.nan if pose["error"] is None else pose["error"] for pose in poses]
+    """Measure JSON poses at the keytime."""
+    reported = [np.nan if pose["error"] is None else pose["error"] for pose in poses]
     return FOUND.measure(
         rows,
         np.array([pose["root"] for pose in poses]),
         np.array([pose["rotations"] for pose in poses]),
-        np.array(said),
+        np.array(reported),
         [pose["clamped"] for pose in poses],
     )
 
 
 def _checked_records(rows: Numbers, content: bytes, *, measured: bool) -> str | None:
-    """What is wrong with records; they are measured if they are those of the keytime."""
-    record = FOUND.record
-    if record is None or not content or len(content) % record.itemsize:
-        return f"{len(content)} bytes are no records"
-    found = np.frombuffer(content, record)
+    """Check records, and measure them if they are at the keytime."""
+    try:
+        found = parse_records(content, FOUND.joints)
+    except DecodeError as err:
+        return err.detail
     if not measured:
         return None
     return FOUND.measure(
@@ -266,7 +260,7 @@ def _checked_records(rows: Numbers, content: bytes, *, measured: bool) -> str | 
 
 for event, listener in (
     (events.init_command_line_parser, _options),
-    (events.test_start, _learn),
-    (events.quitting, _tell),
+    (events.test_start, _prepare),
+    (events.quitting, _summarise),
 ):
-    event.add_listener(listener)  # type: ignore[no-untyped-call]  # Locust says nothing of types here
+    event.add_listener(listener)  # type: ignore[no-untyped-call]  # Locust has no type here

@@ -1,4 +1,4 @@
-"""Runs the REST load for some seconds and prints a summary: Locust without its web page. Needs the package `locust`."""
+"""Runs the REST load for some seconds and prints a summary: Locust without its web page. Needs `locust`."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ examples:
   python clients/load/rest.py --serve --seconds 10
   python clients/load/rest.py --url http://127.0.0.1:8000 --users 32 --verb board
 
-exit status: 0 if every request was answered well, 1 if not, 2 wrong arguments, no server or no locust
+exit status: 0 if every response is correct, 1 if not, 2 wrong arguments, no server or no locust
 """
 
 
 def main() -> int:
-    """Run what the command line asks for; the exit status."""
+    """Parse the command line and run the load; returns the exit status."""
     parser = argparse.ArgumentParser(
         prog="rest.py", description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--url", default="http://127.0.0.1:8000", help="address of the server (%(default)s)")
-    parser.add_argument("--serve", action="store_true", help="start a server for it, on a free port, and stop it")
-    parser.add_argument("--verb", default="reach", help="verb to ask for (%(default)s)")
-    parser.add_argument("--users", type=int, default=8, help="clients at a time (%(default)s)")
-    parser.add_argument("--seconds", type=int, default=10, help="how long (%(default)s)")
+    parser.add_argument("--serve", action="store_true", help="start a server on a free port for the run")
+    parser.add_argument("--verb", default="reach", help="verb to request (%(default)s)")
+    parser.add_argument("--users", type=int, default=8, help="concurrent clients (%(default)s)")
+    parser.add_argument("--seconds", type=int, default=10, help="duration (%(default)s)")
     chosen = parser.parse_args()
     if chosen.serve:
         with tempfile.TemporaryDirectory() as folder:
@@ -40,7 +40,7 @@ def main() -> int:
 
 
 def _load(url: str, chosen: argparse.Namespace) -> int:
-    """Run Locust against a server; the exit status."""
+    """Run Locust against a server; returns the exit status."""
     if importlib.util.find_spec("locust") is None:
         sys.stderr.write("error: the package locust is not installed; pip install locust\n")
         return 2
@@ -53,10 +53,10 @@ def _load(url: str, chosen: argparse.Namespace) -> int:
         "-t": f"{chosen.seconds}s",
         "--loglevel": "WARNING",
     }
-    said = [str(word) for pair in options.items() for word in pair]
+    arguments = [str(word) for pair in options.items() for word in pair]
     try:
         return subprocess.run(
-            [*command, "--headless", "--only-summary", *said], check=False, timeout=chosen.seconds + 60
+            [*command, "--headless", "--only-summary", *arguments], check=False, timeout=chosen.seconds + 60
         ).returncode
     except subprocess.TimeoutExpired:
         sys.stderr.write("error: the load did not end in time\n")

@@ -1,4 +1,4 @@
-"""Clients that misbehave: garbage, sudden ends, resumes, thefts, slow readers. The server must live and be right."""
+"""Clients that misbehave: malformed messages, aborts, stolen sessions, slow readers. The server must survive."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import uvloop
+from adverb_client import Clock
+from adverb_client.wire import ADVERBS
 
 from adverb_load import frames
-from adverb_load.client import AIM, Asked, Player
+from adverb_load.client import Load, LoadClient
 from adverb_load.fleet import Fleet
-from adverb_load.goals import CannotAsk, Goals, base_of, fetch
-from adverb_load.tally import Clock, Tally, Track
+from adverb_load.goals import Goals, RequestError, base_of, fetch
+from adverb_load.tally import Tally, Track
 
 __all__ = ["CODES", "Summary", "lines_of", "run"]
 
@@ -27,10 +29,10 @@ CODES = {
     "unknown_verb", "unknown_adverb", "unknown_joint", "unknown_method", "out_of_range", "bad_request", "not_ready",
     "bad_message", "unknown_channel", "channel_in_use", "too_many_channels", "skeleton_mismatch", "unknown_session",
 }  # fmt: skip
-"""Error codes of docs/wire.md; any other is a fault."""
+"""Error codes of docs/wire.md; another one is a fault."""
 
 CLOSES = {1000, 1001, 1002, 1006, 1007, 1009, 3000, 4008, 4009, 4029}
-"""Codes with which connections of this client may end."""
+"""Expected close codes."""
 
 JSONS = [
     "", "{", "[]", "null", "7", '"open"', "{}", '{"op": 3}', '{"op": "dance"}', '{"op": "open"}', "[" * 9_000,
@@ -51,15 +53,15 @@ JSONS = [
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What came of it.
+    """Result of a run.
 
     Parameters
     ----------
     messages, gaps, decode_errors, decoded, resumed : int
     done, codes, closes : dict
-        Actions by name; error codes and close codes that were seen.
+        Actions by name; error codes and close codes.
     faults : list of str
-        What must not happen.
+        Violations by the server.
     """
 
     messages: int
@@ -74,76 +76,76 @@ class Summary:
 
     @property
     def sound(self) -> bool:
-        """Whether the server came through."""
+        """Whether the server survived without faults."""
         return not self.faults
 
     def to_json(self) -> dict[str, object]:
-        """Everything as JSON has it."""
+        """The summary as a JSON object."""
         return dataclasses.asdict(self) | {"sound": self.sound}
 
 
 @dataclass(slots=True)
-class Rogue:
+class ChaosClient:
     """A client that misbehaves.
 
     Parameters
     ----------
-    player : Player
-    others : list of Rogue
+    client : LoadClient
+    others : list of ChaosClient
     verbs : list of str
     done : Counter
     """
 
-    player: Player
-    others: list[Rogue]
+    client: LoadClient
+    others: list[ChaosClient]
     verbs: list[str]
     done: Counter[str]
     past: tuple[str, Track] | None = None
 
     @property
     def rng(self) -> random.Random:
-        """Everything random."""
-        return self.player.rng
+        """The client's random generator."""
+        return self.client.rng
 
     async def wander(self, end_s: float) -> None:
-        """Do one thing after the other until the end."""
+        """Perform random actions until the end."""
         names = list(ACTIONS)
         weights = [ACTIONS[name][0] for name in names]
         while time.monotonic() < end_s:
-            if self.player.link is None or not self.player.link.alive:
-                await self._come_back()
+            if self.client.socket is None or not self.client.socket.alive:
+                await self._reconnect()
                 continue
             name = self.rng.choices(names, weights)[0]
             self.done[name] += 1
             await ACTIONS[name][1](self)
             await asyncio.sleep(self.rng.uniform(0.0, 0.1))
 
-    async def _come_back(self) -> None:
-        """Connect again, as somebody new or with the session from before."""
-        before = (self.player.session, self.player.track) if self.player.session else None
+    async def _reconnect(self) -> None:
+        """Connect again, with a new session or the previous one."""
+        before = (self.client.session, self.client.track) if self.client.session else None
         try:
-            await self.player.join()
+            await self.client.join()
         except (frames.FrameError, OSError, TimeoutError) as err:
-            self.done[f"could not connect: {type(err).__name__}"] += 1
+            self.done[f"failed to connect: {type(err).__name__}"] += 1
             await asyncio.sleep(0.2)
             return
         if before is not None and self.rng.random() < 0.7:
-            self.done["come back"] += 1
-            self.player.resume(*before)
+            self.done["resume"] += 1
+            self.client.resume(*before)
         else:
-            self.player.say(self.player.opening(0))
+            self.client.send(self.client.open_message(0))
 
     def channel(self) -> int:
         """A channel, mostly one that is open."""
-        known = list(self.player.layouts)
+        known = list(self.client.layouts)
         return self.rng.choice(known) if known and self.rng.random() < 0.9 else self.rng.randrange(65_536)
 
 
-# ── what a client may do ─────────────────────────────────────────────────────────────────────────────────────────
+# ── valid actions ────────────────────────────────────────────────────────────────────────────────────────────────
 
 
-async def _open(rogue: Rogue) -> None:
-    rng, player = rogue.rng, rogue.player
+async def _open(actor: ChaosClient) -> None:
+    rng, client = actor.rng, actor.client
     other = {
         "fps": rng.choice([1, 24, 30, 60, 60, 90, 120]),
         "encoding": rng.choice(["f32", "q48", "weights"]),
@@ -153,22 +155,22 @@ async def _open(rogue: Rogue) -> None:
         "speed": rng.choice([1.0, 1.0, -1.0, 0.0, 10.0]),
         "half_life": rng.choice([0.0, 0.1, 1.0]),
     }
-    player.say(player.opening(rng.randrange(player.asked.channels), **other))
+    client.send(client.open_message(rng.randrange(client.load.channels), **other))
 
 
-async def _close(rogue: Rogue) -> None:
-    rogue.player.say({"op": "close", "channel": rogue.channel()})
+async def _close(actor: ChaosClient) -> None:
+    actor.client.send({"op": "close", "channel": actor.channel()})
 
 
-async def _switch(rogue: Rogue) -> None:
-    rng = rogue.rng
-    verb = rng.choice([rogue.player.asked.verb, rng.choice(rogue.verbs)])
-    asked = {"op": "switch", "channel": rogue.channel(), "verb": verb, "transition_s": rng.choice([0.0, 0.3, 5.0])}
-    rogue.player.say(*[asked] * rng.choice([1, 1, 3]))
+async def _switch(actor: ChaosClient) -> None:
+    rng = actor.rng
+    verb = rng.choice([actor.client.load.verb, rng.choice(actor.verbs)])
+    load = {"op": "switch", "channel": actor.channel(), "verb": verb, "transition_s": rng.choice([0.0, 0.3, 5.0])}
+    actor.client.send(*[load] * rng.choice([1, 1, 3]))
 
 
-async def _set(rogue: Rogue) -> None:
-    rng = rogue.rng
+async def _set(actor: ChaosClient) -> None:
+    rng = actor.rng
     changes = {
         "speed": rng.uniform(-10, 10),
         "phase": rng.random(),
@@ -176,101 +178,101 @@ async def _set(rogue: Rogue) -> None:
         "fps": rng.randint(1, 120),
     }
     some = rng.sample(sorted(changes), rng.randint(1, len(changes)))
-    rogue.player.say({"op": "set", "channel": rogue.channel()} | {name: changes[name] for name in some})
+    actor.client.send({"op": "set", "channel": actor.channel()} | {name: changes[name] for name in some})
 
 
-async def _steer(rogue: Rogue) -> None:
-    for _ in range(rogue.rng.randint(1, 20)):
-        rogue.player.steer()
+async def _steer(actor: ChaosClient) -> None:
+    for _ in range(actor.rng.randint(1, 20)):
+        actor.client.steer()
         await asyncio.sleep(0.005)
 
 
-async def _ping(rogue: Rogue) -> None:
-    rogue.player.ping()
+async def _ping(actor: ChaosClient) -> None:
+    actor.client.ping()
 
 
-async def _pause(rogue: Rogue) -> None:
-    link = rogue.player.link
-    assert link is not None
-    link.read(on=False)
-    await asyncio.sleep(rogue.rng.uniform(0.1, 1.5))
-    link.read(on=True)
+async def _pause(actor: ChaosClient) -> None:
+    socket = actor.client.socket
+    assert socket is not None
+    socket.read(on=False)
+    await asyncio.sleep(actor.rng.uniform(0.1, 1.5))
+    socket.read(on=True)
 
 
-# ── what it may not do ───────────────────────────────────────────────────────────────────────────────────────────
+# ── invalid actions ──────────────────────────────────────────────────────────────────────────────────────────────
 
 
-def _send(rogue: Rogue, opcode: int, payload: bytes) -> None:
-    assert rogue.player.link is not None
-    rogue.player.link.send(opcode, payload)
+def _send(actor: ChaosClient, opcode: int, payload: bytes) -> None:
+    assert actor.client.socket is not None
+    actor.client.socket.send(opcode, payload)
 
 
-async def _odd_json(rogue: Rogue) -> None:
-    _send(rogue, frames.TEXT, rogue.rng.choice(JSONS).encode("utf-8"))
+async def _odd_json(actor: ChaosClient) -> None:
+    _send(actor, frames.TEXT, actor.rng.choice(JSONS).encode("utf-8"))
 
 
-async def _odd_text(rogue: Rogue) -> None:
+async def _odd_text(actor: ChaosClient) -> None:
     letters = 'ab{}[]":,0e-\\\n\0é漢🦶'
-    _send(rogue, frames.TEXT, "".join(rogue.rng.choices(letters, k=rogue.rng.randrange(400))).encode())
+    _send(actor, frames.TEXT, "".join(actor.rng.choices(letters, k=actor.rng.randrange(400))).encode())
 
 
-async def _cut_json(rogue: Rogue) -> None:
-    whole = json.dumps(rogue.player.opening(1)).encode()
-    at = rogue.rng.randrange(len(whole))
-    _send(rogue, frames.TEXT, rogue.rng.choice([whole[:at], whole[:at] + b"9" + whole[at + 1 :]]))
+async def _cut_json(actor: ChaosClient) -> None:
+    whole = json.dumps(actor.client.open_message(1)).encode()
+    at = actor.rng.randrange(len(whole))
+    _send(actor, frames.TEXT, actor.rng.choice([whole[:at], whole[:at] + b"9" + whole[at + 1 :]]))
 
 
-async def _odd_binary(rogue: Rogue) -> None:
-    _send(rogue, frames.BINARY, rogue.rng.randbytes(rogue.rng.choice([0, 1, 3, 4, 8, 16, 17, 4_000])))
+async def _odd_binary(actor: ChaosClient) -> None:
+    _send(actor, frames.BINARY, actor.rng.randbytes(actor.rng.choice([0, 1, 3, 4, 8, 16, 17, 4_000])))
 
 
-async def _odd_adverbs(rogue: Rogue) -> None:
-    number = rogue.rng.choice([float("nan"), float("inf"), 3e38, -3e38, 1e-45])
-    count = rogue.rng.choice([1, 2, 3, 3, 3, 4, 600])
-    _send(rogue, frames.BINARY, struct.pack(f"<BBH{count}f", AIM, 0, rogue.channel(), *[number] * count))
+async def _odd_adverbs(actor: ChaosClient) -> None:
+    number = actor.rng.choice([float("nan"), float("inf"), 3e38, -3e38, 1e-45])
+    count = actor.rng.choice([1, 2, 3, 3, 3, 4, 600])
+    _send(actor, frames.BINARY, struct.pack(f"<BBH{count}f", ADVERBS, 0, actor.channel(), *[number] * count))
 
 
-async def _flood(rogue: Rogue) -> None:
-    assert rogue.player.link is not None
-    rogue.player.link.send(frames.TEXT, *[b'{"op": "dance"}'] * 400)
+async def _flood(actor: ChaosClient) -> None:
+    assert actor.client.socket is not None
+    actor.client.socket.send(frames.TEXT, *[b'{"op": "dance"}'] * 400)
 
 
-async def _no_text(rogue: Rogue) -> None:
-    _send(rogue, frames.TEXT, b"\xff\xfe\xc3\x28")
+async def _no_text(actor: ChaosClient) -> None:
+    _send(actor, frames.TEXT, b"\xff\xfe\xc3\x28")
 
 
-async def _too_long(rogue: Rogue) -> None:
-    _send(rogue, frames.BINARY, bytes(70_000))
+async def _too_long(actor: ChaosClient) -> None:
+    _send(actor, frames.BINARY, bytes(70_000))
 
 
-async def _no_frame(rogue: Rogue) -> None:
-    assert rogue.player.link is not None
-    rogue.player.link.write(rogue.rng.choice([b"\x81\x02hi", rogue.rng.randbytes(60), b"GET / HTTP/1.1\r\n\r\n"]))
+async def _no_frame(actor: ChaosClient) -> None:
+    assert actor.client.socket is not None
+    actor.client.socket.write(actor.rng.choice([b"\x81\x02hi", actor.rng.randbytes(60), b"GET / HTTP/1.1\r\n\r\n"]))
 
 
-async def _vanish(rogue: Rogue) -> None:
-    assert rogue.player.link is not None
-    rogue.player.link.abort()
-    await asyncio.sleep(rogue.rng.uniform(0.0, 0.8))
+async def _vanish(actor: ChaosClient) -> None:
+    assert actor.client.socket is not None
+    actor.client.socket.abort()
+    await asyncio.sleep(actor.rng.uniform(0.0, 0.8))
 
 
-async def _leave(rogue: Rogue) -> None:
-    assert rogue.player.link is not None
-    rogue.player.link.close(rogue.rng.choice([1000, 1001, 3000]))
+async def _leave(actor: ChaosClient) -> None:
+    assert actor.client.socket is not None
+    actor.client.socket.close(actor.rng.choice([1000, 1001, 3000]))
     await asyncio.sleep(0.1)
 
 
-async def _dream(rogue: Rogue) -> None:
-    rogue.player.resume("nobody", Track())
+async def _dream(actor: ChaosClient) -> None:
+    actor.client.resume("nobody", Track())
 
 
-async def _steal(rogue: Rogue) -> None:
-    victim = rogue.rng.choice(rogue.others).player
+async def _steal(actor: ChaosClient) -> None:
+    victim = actor.rng.choice(actor.others).client
     if victim.session and victim.layouts:
-        rogue.player.resume(victim.session, victim.track)
+        actor.client.resume(victim.session, victim.track)
 
 
-Action = Callable[[Rogue], Awaitable[None]]
+Action = Callable[[ChaosClient], Awaitable[None]]
 ACTIONS: dict[str, tuple[float, Action]] = {
     "open": (10, _open),
     "close": (4, _close),
@@ -293,47 +295,47 @@ ACTIONS: dict[str, tuple[float, Action]] = {
     "dream": (0.5, _dream),
     "steal": (0.5, _steal),
 }
-"""Weight and deed of everything a rogue does."""
+"""Weight and function of each action."""
 
 
 # ── a run ────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 
-def run(asked: Asked, *, seconds: float) -> Summary:
-    """Let rogues loose for some seconds; then see whether the server still serves.
+def run(load: Load, *, seconds: float) -> Summary:
+    """Run misbehaving clients for some seconds, then check that the server still serves.
 
     Raises
     ------
-    CannotAsk
+    RequestError
         If there is no server, or it does not have the verb.
     """
-    return uvloop.run(_run(asked, seconds))
+    return uvloop.run(_run(load, seconds))
 
 
-async def _run(asked: Asked, seconds: float) -> Summary:
-    base = base_of(asked.url)
-    goals = Goals.ask(base, asked.verb, np.random.default_rng(asked.seed))
+async def _run(load: Load, seconds: float) -> Summary:
+    base = base_of(load.url)
+    goals = Goals.fetch(base, load.verb, np.random.default_rng(load.seed))
     verbs = [verb["name"] for verb in fetch(base, "/v1/verbs")["verbs"]]
-    asked = dataclasses.replace(asked, channels=max(asked.channels, 4))
-    tally, clock, seeds, done = Tally(), Clock(), random.Random(asked.seed), Counter[str]()
-    rogues: list[Rogue] = []
-    for _ in range(asked.sockets):
-        player = Player(asked, tally, clock, random.Random(seeds.getrandbits(64)), goals)
-        rogues.append(Rogue(player, rogues, verbs, done))
+    load = dataclasses.replace(load, channels=max(load.channels, 4))
+    tally, clock, seeds, done = Tally(), Clock(), random.Random(load.seed), Counter[str]()
+    actors: list[ChaosClient] = []
+    for _ in range(load.sockets):
+        client = LoadClient(load, tally, clock, random.Random(seeds.getrandbits(64)), goals)
+        actors.append(ChaosClient(client, actors, verbs, done))
     end_s = time.monotonic() + seconds
     async with asyncio.TaskGroup() as group:
-        for rogue in rogues:
-            group.create_task(rogue.wander(end_s))
-    for rogue in rogues:
-        if rogue.player.link is not None:
-            rogue.player.link.abort()
-    faults = [*_faults(tally), *await _still_serves(asked, goals)]
+        for actor in actors:
+            group.create_task(actor.wander(end_s))
+    for actor in actors:
+        if actor.client.socket is not None:
+            actor.client.socket.abort()
+    faults = [*_faults(tally), *await _check_service(load, goals)]
     return Summary(
         tally.messages,
         tally.gaps,
         tally.wrong,
         tally.decoded,
-        sum(rogue.player.resumed for rogue in rogues),
+        sum(actor.client.resumed for actor in actors),
         dict(sorted(done.items())),
         dict(sorted(tally.codes.items())),
         dict(sorted(tally.closes.items())),
@@ -344,39 +346,39 @@ async def _run(asked: Asked, seconds: float) -> Summary:
 def _faults(tally: Tally) -> list[str]:
     faults = []
     if tally.gaps:
-        faults.append(f"{tally.gaps} messages are missing and were not reported")
+        faults.append(f"{tally.gaps} messages are missing and not reported")
     if tally.wrong:
-        faults.append(f"{tally.wrong} messages cannot be read: {tally.problems}")
+        faults.append(f"{tally.wrong} messages are malformed or implausible: {tally.problems}")
     faults += [f"error code {code}, which docs/wire.md does not have" for code in tally.codes.keys() - CODES]
     faults += [f"close code {code}, which is not expected" for code in tally.closes.keys() - CLOSES]
     return faults
 
 
-async def _still_serves(asked: Asked, goals: Goals) -> list[str]:
-    """What is wrong with a server that was mistreated: it must be ready, and serve two polite clients."""
-    fleet = Fleet(dataclasses.replace(asked, sockets=2, channels=2), goals)
+async def _check_service(load: Load, goals: Goals) -> list[str]:
+    """Faults of the server afterwards: it must be ready and serve two regular clients."""
+    fleet = Fleet(dataclasses.replace(load, sockets=2, channels=2), goals)
     try:
-        if not fetch(base_of(asked.url), "/readyz").get("ready"):
-            return ["the server is not ready any more"]
+        if not fetch(base_of(load.url), "/readyz").get("ready"):
+            return ["the server is not ready afterwards"]
         await fleet.open()
         report = await fleet.measure(1.0, settle_s=0.3, probe=lambda: 0.0)
-    except (CannotAsk, frames.FrameError, OSError, TimeoutError) as err:
-        return [f"the server does not serve any more: {err or type(err).__name__}"]
+    except (RequestError, frames.FrameError, OSError, TimeoutError) as err:
+        return [f"the server does not serve afterwards: {err or type(err).__name__}"]
     await fleet.close()
     if not report.sound or report.delivered < 0.8 * report.expected:
-        return [f"polite clients got {report.delivered} of {report.expected} frames: {report.problems}"]
+        return [f"regular clients received {report.delivered} of {report.expected} frames: {report.problems}"]
     return []
 
 
 def lines_of(found: Summary) -> list[str]:
-    """A summary for people."""
+    """The summary as lines of text."""
     return [
         f"done       {', '.join(f'{name} {count}' for name, count in found.done.items())}",
-        f"frames     {found.messages}; {found.gaps} missing without a word",
-        f"decoding   {found.decoded} messages read in full, {found.decode_errors} errors",
+        f"frames     {found.messages}; {found.gaps} missing unreported",
+        f"decoding   {found.decoded} messages decoded in full, {found.decode_errors} errors",
         f"resumed    {found.resumed}",
         f"errors     {', '.join(f'{code} {count}' for code, count in found.codes.items()) or 'none'}",
         f"closed     {', '.join(f'{code} {count}' for code, count in found.closes.items()) or 'none'}",
         *(f"fault      {fault}" for fault in found.faults),
-        "the server came through" if found.sound else "the server did NOT come through",
+        "the server survived" if found.sound else "the server did NOT survive",
     ]

@@ -1,4 +1,4 @@
-"""Clients that come and go as real ones do: some stay, some leave, some are cut off and come back, some read slowly."""
+"""Clients that come and go: some stay, some leave, some are cut off and resume, some read slowly."""
 
 from __future__ import annotations
 
@@ -8,125 +8,127 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 
-from adverb_load import frames
-from adverb_load.client import Asked, Player
-from adverb_load.goals import Goals
-from adverb_load.tally import Clock, Tally
+from adverb_client import Clock
 
-__all__ = ["Crowd"]
+from adverb_load import frames
+from adverb_load.client import Load, LoadClient
+from adverb_load.goals import Goals
+from adverb_load.tally import Tally
+
+__all__ = ["Churn"]
 
 STEER_S = 0.2
 STAY = 8
-"""Characters of a client that stays."""
+"""Channels of a client that stays."""
 
 MOST = 6
-"""Most characters of a client that comes and goes."""
+"""Largest number of channels of a client that comes and goes."""
 
 
 @dataclass(slots=True)
-class Crowd:
+class Churn:
     """Clients of one server.
 
     Parameters
     ----------
-    asked : Asked
-        Sockets and channels of it are of no account.
+    load : Load
+        Its numbers of sockets and channels are not used.
     goals : Goals
     tally, slow : Tally
-        Of clients that read, and of those that read slowly: these are late by themselves.
+        Of clients that read, and of those that read slowly, whose messages are late.
     clock : Clock
     done : Counter
-        What clients did, by name.
+        Actions of clients, by name.
     """
 
-    asked: Asked
+    load: Load
     goals: Goals
     tally: Tally = field(default_factory=Tally)
     slow: Tally = field(default_factory=Tally)
     clock: Clock = field(default_factory=Clock)
     done: Counter[str] = field(default_factory=Counter)
 
-    def player(self, rng: random.Random, tally: Tally) -> Player:
-        """A client that has not connected yet."""
-        return Player(self.asked, tally, self.clock, rng, self.goals, at=rng.getrandbits(16))
+    def client(self, rng: random.Random, tally: Tally) -> LoadClient:
+        """A client, not connected."""
+        return LoadClient(self.load, tally, self.clock, rng, self.goals, at=rng.getrandbits(16))
 
     async def stay(self, rng: random.Random, end_s: float) -> None:
-        """Steer a few characters all the time."""
-        player = self.player(rng, self.tally)
-        await player.join()
-        self._open(player, STAY)
+        """Steer a few channels all the time."""
+        client = self.client(rng, self.tally)
+        await client.join()
+        self._open(client, STAY)
         while time.monotonic() < end_s:
-            player.steer()
-            player.ping()
+            client.steer()
+            client.ping()
             await asyncio.sleep(STEER_S)
-        await self._leave(player, politely=True)
+        await self._leave(client, politely=True)
 
     async def come_and_go(self, rng: random.Random, end_s: float) -> None:
-        """Stay a while, then leave: politely, for ever without a word, or to come back."""
+        """Stay for a while, then close, abort, or abort and resume."""
         while time.monotonic() < end_s:
-            player = self.player(rng, self.tally)
-            await player.join()
-            self._open(player, rng.randint(1, MOST))
-            await self._live(player, rng, end_s)
+            client = self.client(rng, self.tally)
+            await client.join()
+            self._open(client, rng.randint(1, MOST))
+            await self._live(client, rng, end_s)
             while rng.random() < 0.5 and time.monotonic() < end_s:
-                await self._come_back(player, rng)
-                await self._live(player, rng, end_s)
-            await self._leave(player, politely=rng.random() < 0.5)
+                await self._come_back(client, rng)
+                await self._live(client, rng, end_s)
+            await self._leave(client, politely=rng.random() < 0.5)
 
     async def read_slowly(self, rng: random.Random, end_s: float, longest_s: float) -> None:
-        """Stop reading for some seconds, again and again; be cut off if that was too long."""
+        """Pause reading repeatedly; the server closes the connection after too long a pause."""
         while time.monotonic() < end_s:
-            player = self.player(rng, self.slow)
-            await player.join()
-            self._open(player, 2 * STAY)
-            link = player.link
-            while link is not None and link.alive and time.monotonic() < end_s:
-                link.read(on=False)
+            client = self.client(rng, self.slow)
+            await client.join()
+            self._open(client, 2 * STAY)
+            socket = client.socket
+            while socket is not None and socket.alive and time.monotonic() < end_s:
+                socket.read(on=False)
                 await asyncio.sleep(min(rng.uniform(0.2, longest_s), max(end_s - time.monotonic(), 0.0)))
-                link.read(on=True)
+                socket.read(on=True)
                 self.done["paused"] += 1
                 await asyncio.sleep(rng.uniform(0.2, 1.0))
-            await self._leave(player, politely=True)
+            await self._leave(client, politely=True)
 
     # ── parts ────────────────────────────────────────────────────────────────────────────────────────────────────
 
-    def _open(self, player: Player, count: int) -> None:
+    def _open(self, client: LoadClient, count: int) -> None:
         self.done["stream"] += 1
         encodings = ["f32", "q48", "weights"]
-        player.say(*(player.opening(channel, encoding=player.rng.choice(encodings)) for channel in range(count)))
+        client.send(*(client.open_message(channel, encoding=client.rng.choice(encodings)) for channel in range(count)))
 
-    async def _live(self, player: Player, rng: random.Random, end_s: float) -> None:
+    async def _live(self, client: LoadClient, rng: random.Random, end_s: float) -> None:
         until = min(time.monotonic() + rng.uniform(0.5, 4.0), end_s)
         while time.monotonic() < until:
-            player.steer()
+            client.steer()
             await asyncio.sleep(STEER_S)
-        if player.layouts and rng.random() < 0.5:
-            number = rng.choice(list(player.layouts))
-            player.say({"op": "switch", "channel": number, "verb": self.asked.verb})
+        if client.layouts and rng.random() < 0.5:
+            number = rng.choice(list(client.layouts))
+            client.send({"op": "switch", "channel": number, "verb": self.load.verb})
             self.done["switch"] += 1
 
-    async def _come_back(self, player: Player, rng: random.Random) -> None:
+    async def _come_back(self, client: LoadClient, rng: random.Random) -> None:
         """Lose the connection and resume the session."""
-        if player.link is not None:
-            player.link.abort()
+        if client.socket is not None:
+            client.socket.abort()
         await asyncio.sleep(rng.uniform(0.0, 0.5))
-        session, track = player.session, player.track
-        await player.join()
-        player.resume(session, track)
+        session, track = client.session, client.track
+        await client.join()
+        client.resume(session, track)
         self.done["resume"] += 1
 
-    async def _leave(self, player: Player, *, politely: bool) -> None:
-        link = player.link
-        if link is None:
+    async def _leave(self, client: LoadClient, *, politely: bool) -> None:
+        socket = client.socket
+        if socket is None:
             return
         self.done["leave" if politely else "vanish"] += 1
-        if politely and link.alive:
-            for number in player.layouts:
-                player.say({"op": "close", "channel": number})
-            link.close()
+        if politely and socket.alive:
+            for number in client.layouts:
+                client.send({"op": "close", "channel": number})
+            socket.close()
             try:
                 async with asyncio.timeout(5.0):
-                    await link.gone.wait()
+                    await socket.gone.wait()
             except TimeoutError:
-                raise frames.FrameError("the server did not let go of a client that left") from None
-        link.abort()
+                raise frames.FrameError("the server did not close the connection of a client that left") from None
+        socket.abort()

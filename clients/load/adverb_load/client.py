@@ -1,4 +1,4 @@
-"""One stream and what its client knows: the channels' layouts, the numbering, the clock."""
+"""One load client: a stream with the channels' layouts, the message numbering and the clock."""
 
 from __future__ import annotations
 
@@ -11,40 +11,53 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from adverb_load import frames
-from adverb_load.goals import Goals
-from adverb_load.records import HEADER, POSES, WIRE, DecodeError, Layout, decode, layout_of
-from adverb_load.tally import Clock, Tally, Track
-from adverb_load.websocket import Link, connect
+from adverb_client import (
+    ChannelOpened,
+    Clock,
+    CommandRejected,
+    DecodeError,
+    Hello,
+    Layout,
+    VersionChanged,
+    decode_message,
+    encode_adverbs,
+)
+from adverb_client.messages import Pong, parse_message
+from adverb_client.records import WEIGHTS
+from adverb_client.wire import MESSAGE_HEADER, POSES, WIRE
 
-__all__ = ["SAMPLE", "Asked", "Player"]
+from adverb_load import frames
+from adverb_load.checks import check_message
+from adverb_load.goals import Goals
+from adverb_load.tally import Tally, Track
+from adverb_load.websocket import WebSocket, connect
+
+__all__ = ["SAMPLE", "Load", "LoadClient"]
 
 SAMPLE = 64
-"""One pose message of so many is read in full."""
+"""One pose message of this number is decoded in full."""
 
 PINGS = 4
 STRIDE = 37
 """Steps of the walk between two channels of a stream."""
 
-_AIM = struct.Struct("<BBH")
-AIM = 0x10
 FENCE = -1.0
-"""What the ping behind a resume carries."""
+"""What the ping after a ``resume`` carries."""
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What a load is made of.
+class Load:
+    """Parameters of a load.
 
     Parameters
     ----------
     url, verb, encoding : str
     sockets, channels, fps : int
-        Channels of each socket, frames per second of each channel.
+        Number of sockets, channels per socket, frames per second of each channel.
     method : str or None
-        The verb's own where None.
+        Blending method; the verb's default if None.
     steer_hz : float
-        How often every channel gets other adverbs.
+        Rate of new adverbs per channel.
     seed : int
     """
 
@@ -60,26 +73,26 @@ class Asked:
 
 
 @dataclass(slots=True)
-class Player:
+class LoadClient:
     """A stream.
 
     Parameters
     ----------
-    asked : Asked
+    load : Load
     tally : Tally
     clock : Clock
-        Of the process: all streams go to one server.
+        Shared by the process: all streams use one server.
     rng : random.Random
     goals : Goals or None
-        Adverbs stay in the middle of the domain where there is no walk.
+        Adverbs stay in the middle of the domain if None.
     """
 
-    asked: Asked
+    load: Load
     tally: Tally
     clock: Clock
     rng: random.Random
     goals: Goals | None
-    link: Link | None = None
+    socket: WebSocket | None = None
     session: str = ""
     track: Track = field(default_factory=Track)
     layouts: dict[int, Layout] = field(default_factory=dict)
@@ -92,18 +105,18 @@ class Player:
     hello: asyncio.Event = field(default_factory=asyncio.Event)
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
-    # ── what comes ───────────────────────────────────────────────────────────────────────────────────────────────
+    # ── received messages ────────────────────────────────────────────────────────────────────────────────────────
 
     def binary(self, content: bytes, now_ns: int) -> None:
-        """Count a pose message."""
+        """Count a pose message; decode one of :data:`SAMPLE`."""
         tally = self.tally
         try:
-            op, wire, records, sequence, due_ns, dropped = HEADER.unpack_from(content)
+            op, wire, records, sequence, due_ns, dropped = MESSAGE_HEADER.unpack_from(content)
         except struct.error:
             tally.fault(f"a binary message of {len(content)} bytes")
             return
         if op != POSES or wire != WIRE:
-            tally.fault(f"message 0x{op:02x} of wire {wire}")
+            tally.fault(f"message 0x{op:02x} of wire version {wire}")
             return
         missing, reported = self.track.step(sequence, dropped)
         if missing or reported:
@@ -111,38 +124,34 @@ class Player:
         self.due_ns = due_ns
         tally.message(due_ns, now_ns, records, len(content))
         if tally.messages % SAMPLE == 0:
-            self._doubt(content)
+            self._check_records(content)
 
     def text(self, content: str | bytes, now_ns: int) -> None:
-        """Note what the server says."""
+        """Handle a text message of the server."""
+        text = content if isinstance(content, str) else content.decode("utf-8", "replace")
         try:
-            said: dict[str, Any] = json.loads(content)
-            op = said["op"]
-        except (ValueError, TypeError, KeyError):
-            self.tally.fault(f"a text message that is no JSON object with an op: {content[:80]!r}")
+            message = parse_message(text)
+        except DecodeError as err:
+            self.tally.fault(err.detail)
             return
-        self.tally.ops[op] += 1
-        if op == "hello":
-            self._begin(said["session"])
-        elif op == "opened":
-            self._opened(said)
-        elif op == "version":
-            self._renewed(said)
-        elif op == "pong":
-            self._pong(said["t"], now_ns, said["server_time_ns"])
-        elif op == "error":
-            self.tally.codes[said["code"]] += 1
-            if said["code"] == "unknown_session":
-                self.resuming = None
-            self.tally.note(f"error {said['code']}: {said['detail'][:200]}")
-            self.changed.set()
+        self.tally.ops["unknown" if message is None else type(message).__name__] += 1
+        if isinstance(message, Hello):
+            self._begin(message.session)
+        elif isinstance(message, ChannelOpened):
+            self._opened(message)
+        elif isinstance(message, VersionChanged):
+            self._version_changed(message)
+        elif isinstance(message, Pong):
+            self._pong(message, now_ns)
+        elif isinstance(message, CommandRejected):
+            self._rejected(message)
 
     def closed(self, code: int, reason: str) -> None:
-        """Note that the connection is over."""
+        """Count the end of the connection."""
         self.tally.closes[code] += 1
         self.changed.set()
 
-    # ── what is asked ────────────────────────────────────────────────────────────────────────────────────────────
+    # ── requests ─────────────────────────────────────────────────────────────────────────────────────────────────
 
     async def start(self) -> None:
         """Connect, compare clocks and open all channels; returns when the server has opened them."""
@@ -150,74 +159,71 @@ class Player:
         for _ in range(PINGS):
             self.ping()
             await asyncio.sleep(0)
-        self.say(*(self.opening(channel) for channel in range(self.asked.channels)))
+        self.send(*(self.open_message(channel) for channel in range(self.load.channels)))
         async with asyncio.timeout(30.0):
-            while len(self.layouts) < self.asked.channels:
+            while len(self.layouts) < self.load.channels:
                 self.changed.clear()
                 await self.changed.wait()
-                self._check()
+                self._check_opening()
 
     async def join(self) -> None:
-        """Connect; returns with the server's hello."""
+        """Connect; returns after the server's ``hello``."""
         self.hello.clear()
-        self.link = await connect(self.asked.url, self, self.rng)
+        self.socket = await connect(self.load.url, self, self.rng)
         async with asyncio.timeout(10.0):
             await self.hello.wait()
 
     def resume(self, session: str, track: Track) -> None:
-        """Ask for another session, whose messages came as far as the track says; one at a time.
+        """Resume another session, of which the messages up to the track's have arrived; one at a time.
 
-        A session without channels is taken over without a word. So a ping follows, whose answer ends the wait.
+        The resume of a session without channels has no answer. So a ping follows; its pong ends the wait.
         """
         if self.resuming is not None:
             return
         self.resuming = session, replace(track)
-        self.say(
+        self.send(
             {"op": "resume", "session": session, "last_seq": track.sequence},
             {"op": "ping", "t": FENCE},
         )
 
-    def opening(self, channel: int, **other: Any) -> dict[str, Any]:
+    def open_message(self, channel: int, **other: Any) -> dict[str, Any]:
         """The message that opens a channel."""
-        asked: dict[str, Any] = {
+        message: dict[str, Any] = {
             "op": "open",
             "channel": channel,
-            "verb": self.asked.verb,
-            "encoding": self.asked.encoding,
-            "fps": self.asked.fps,
+            "verb": self.load.verb,
+            "encoding": self.load.encoding,
+            "fps": self.load.fps,
             "loop": True,
             "phase": round(self.rng.random(), 6),
         }
-        if self.asked.method is not None:
-            asked["method"] = self.asked.method
+        if self.load.method is not None:
+            message["method"] = self.load.method
         if self.goals is not None:
-            asked["adverbs"] = self.goals.adverbs(self.at + STRIDE * channel)
-        return asked | other
+            message["adverbs"] = self.goals.adverbs(self.at + STRIDE * channel)
+        return message | other
 
-    def say(self, *messages: Mapping[str, Any]) -> None:
+    def send(self, *messages: Mapping[str, Any]) -> None:
         """Send text messages."""
-        if self.link is not None:
-            self.link.send(frames.TEXT, *(json.dumps(message).encode() for message in messages))
+        if self.socket is not None:
+            self.socket.send(frames.TEXT, *(json.dumps(message).encode() for message in messages))
 
     def ping(self) -> None:
-        """Ask for the server's clock."""
-        self.say({"op": "ping", "t": time.monotonic_ns() * 1e-9})
+        """Ping the server, to compare clocks."""
+        self.send({"op": "ping", "t": time.monotonic_ns() * 1e-9})
 
     def steer(self) -> None:
-        """Give every channel the next adverbs of the walk."""
-        if self.goals is None or self.link is None or not self.link.alive:
+        """Send the next adverbs of the walk to every channel."""
+        if self.goals is None or self.socket is None or not self.socket.alive:
             return
-        if self.link.full:
+        if self.socket.full:
             self.held_back += len(self.layouts)
             return
         self.at += 1
         packed = self.goals.packed
-        self.link.send(
+        self.socket.send(
             frames.BINARY,
-            *(
-                _AIM.pack(AIM, 0, channel) + packed[(self.at + STRIDE * channel) % len(packed)]
-                for channel in self.layouts
-            ),
+            *(adverbs_header(channel) + packed[(self.at + STRIDE * channel) % len(packed)] for channel in self.layouts),
         )
         self.steered += len(self.layouts)
 
@@ -227,40 +233,61 @@ class Player:
         self.session, self.track, self.layouts, self.resuming = session, Track(), {}, None
         self.hello.set()
 
-    def _opened(self, said: Mapping[str, Any]) -> None:
-        if said["resumed"]:
+    def _opened(self, opened: ChannelOpened) -> None:
+        if opened.resumed:
             self._adopt()
-        try:
-            self.layouts[said["channel"]] = layout_of(said)
-        except DecodeError as err:
-            self.tally.fault(str(err))
+        self.layouts[opened.channel] = opened.layout
         self.changed.set()
 
     def _adopt(self) -> None:
-        """Go on with the session that was asked for."""
+        """Continue with the requested session."""
         if self.resuming is not None:
             (self.session, self.track), self.layouts, self.resuming = self.resuming, {}, None
             self.resumed += 1
 
-    def _pong(self, t: float, now_ns: int, server_time_ns: int) -> None:
-        if t == FENCE:
-            self._adopt()  # no error came
+    def _pong(self, pong: Pong, now_ns: int) -> None:
+        if pong.t == FENCE:
+            self._adopt()  # there was no error
         else:
-            self.clock.add(round(t * 1e9), now_ns, server_time_ns)
+            self.clock.add(pong.t, now_ns * 1e-9, pong.server_time_ns)
 
-    def _renewed(self, said: Mapping[str, Any]) -> None:
-        was = self.layouts[said["channel"]]
-        self.layouts[said["channel"]] = Layout(was.encoding, was.joints, said["record_bytes"])
+    def _rejected(self, rejected: CommandRejected) -> None:
+        error = rejected.error
+        self.tally.codes[error.code] += 1
+        if error.code == "unknown_session":
+            self.resuming = None
+        self.tally.note(f"error {error.code}: {error.detail[:200]}")
+        self.changed.set()
 
-    def _doubt(self, content: bytes) -> None:
+    def _version_changed(self, changed: VersionChanged) -> None:
+        old = self.layouts[changed.channel]
+        try:
+            if old.encoding == WEIGHTS:
+                self.layouts[changed.channel] = Layout.from_opened("weights", 0, changed.record_bytes)
+            elif old.record_bytes != changed.record_bytes:
+                raise DecodeError(f"record_bytes of channel {changed.channel} changes to {changed.record_bytes}")
+        except DecodeError as err:
+            self.tally.fault(err.detail)
+
+    def _check_records(self, content: bytes) -> None:
         self.tally.decoded += 1
         try:
-            decode(content, self.layouts)
+            check_message(decode_message(content, self.layouts), self.layouts)
         except DecodeError as err:
-            self.tally.fault(str(err))
+            self.tally.fault(err.detail)
 
-    def _check(self) -> None:
-        if self.link is None or self.link.gone.is_set():
+    def _check_opening(self) -> None:
+        if self.socket is None or self.socket.gone.is_set():
             raise frames.FrameError("the server ended the connection while channels were opened")
         if self.tally.codes:
             raise frames.FrameError(f"channels were not opened: {self.tally.problems[0]}")
+
+
+_HEADERS: dict[int, bytes] = {}
+
+
+def adverbs_header(channel: int) -> bytes:
+    """The first four bytes of a binary message with adverbs, as the client library encodes them; cached."""
+    if channel not in _HEADERS:
+        _HEADERS[channel] = encode_adverbs(channel, ())
+    return _HEADERS[channel]

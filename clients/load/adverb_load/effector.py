@@ -1,4 +1,4 @@
-"""What poses reach, measured again from what a client knows: the skeleton, and which joint is measured when."""
+"""Effector positions and errors of poses, computed from the description of the verb, independent of the server."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Reach"]
+__all__ = ["Effector"]
 
 Numbers = npt.NDArray[np.float64]
 AXES = ["x", "y", "z"]
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
-    """How far an effector is from where it was asked to be.
+class Effector:
+    """An effector's chain of joints, and the phase at which it is measured.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ class Reach:
     phase: float
 
     @classmethod
-    def of(cls, verb: Mapping[str, Any]) -> Reach | None:
-        """Of a verb as ``GET /v1/verbs/{verb}`` tells of it; None where its adverbs are not an effector's x, y, z."""
+    def of(cls, verb: Mapping[str, Any]) -> Effector | None:
+        """The effector of a verb of ``GET /v1/verbs/{verb}``; None if its adverbs are not x, y, z of a joint."""
         measure, skeleton = verb["measure"], verb["skeleton"]
         if measure["kind"] != "joint_position" or measure["adverbs"] != AXES:
             return None
@@ -53,17 +53,17 @@ class Reach:
         )
 
     def points(self, root: Numbers, rotations: Numbers) -> Numbers:
-        """Where the effector is, (..., 3), in poses of root (..., 3) and local rotations (..., J, 4)."""
-        place, turn = root, None
+        """Position of the effector (..., 3) in poses of root (..., 3) and local rotations (..., J, 4)."""
+        position, rotation = root, None
         for joint, offset in zip(self.chain, self.offsets, strict=True):
             own = rotations[..., joint, :]
-            turn = own if turn is None else _mul(turn, own)
-            place = place + _turned(turn, offset)
-        return place
+            rotation = own if rotation is None else _mul(rotation, own)
+            position = position + _rotate(rotation, offset)
+        return position
 
-    def errors(self, asked: Numbers, root: Numbers, rotations: Numbers) -> Numbers:
-        """Distance (...,) between asked places (..., 3) and the effector."""
-        return np.asarray(np.linalg.norm(self.points(root, rotations) - asked, axis=-1))
+    def errors(self, goals: Numbers, root: Numbers, rotations: Numbers) -> Numbers:
+        """Distance (...,) between goals (..., 3) and the effector."""
+        return np.asarray(np.linalg.norm(self.points(root, rotations) - goals, axis=-1))
 
 
 def _mul(a: Numbers, b: Numbers) -> Numbers:
@@ -73,7 +73,7 @@ def _mul(a: Numbers, b: Numbers) -> Numbers:
     return np.concatenate([vector, scalar], axis=-1)
 
 
-def _turned(q: Numbers, v: Numbers) -> Numbers:
-    """A vector turned by quaternions."""
+def _rotate(q: Numbers, v: Numbers) -> Numbers:
+    """A vector rotated by quaternions."""
     cross = 2.0 * np.cross(q[..., :3], v)
     return np.asarray(v + q[..., 3:] * cross + np.cross(q[..., :3], cross))

@@ -1,4 +1,4 @@
-"""Many streams at once, in an open loop: the server's schedule is compared with what arrives."""
+"""Many streams at once, open loop: arrivals are compared with the server's schedule."""
 
 from __future__ import annotations
 
@@ -13,49 +13,50 @@ from dataclasses import dataclass
 
 import numpy as np
 import uvloop
+from adverb_client import Clock
 
-from adverb_load.client import Asked, Player
+from adverb_load.client import Load, LoadClient
 from adverb_load.goals import Goals, base_of
-from adverb_load.tally import Clock, Lateness, Tally, lateness_of
+from adverb_load.tally import Lateness, Tally, lateness_of, offset_ns_of
 
 __all__ = ["Fleet", "Report", "play", "run"]
 
 TOGETHER = 40
-"""Connections that are opened at a time."""
+"""Number of connections that are opened concurrently."""
 
 TAIL_LOOKS = 50
-"""How often to look, 20 ms apart, for messages that are due within the window and late."""
+"""Number of waits of 20 ms for late messages that are due within the window."""
 
 SLOT_S = 0.004
-"""Time between two groups of streams that are steered."""
+"""Time between two groups of streams that get adverbs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What came of a load within the window.
+    """Result of a load within the window.
 
     Parameters
     ----------
-    asked : Asked
+    load : Load
     seconds : float
     delivered, expected : int
         Pose messages.
     dropped, gaps : int
-        Messages that are missing: reported by the server, and not.
+        Missing messages: reported by the server, and unreported.
     decode_errors, decoded : int
-        Of messages that were read in full; and of all messages' heads.
+        Messages with errors; messages that were decoded in full.
     lateness_ms : Lateness
-        Half of ``round_trip_ms`` is the doubt in it.
+        Its uncertainty is half of ``round_trip_ms``.
     records, payload_bytes : int
     steered, held_back : int
-        Adverbs that were sent, and that were not since the server did not read.
+        Adverbs that were sent, and those held back because the server did not read.
     server_cpu_s, client_cpu : float
-        CPU seconds of what the probe reads; share of a core that this process used.
+        CPU seconds by the probe; share of a core that this process used.
     codes, closes, ops : dict
     problems : list of str
     """
 
-    asked: Asked
+    load: Load
     seconds: float
     delivered: int
     expected: int
@@ -78,22 +79,22 @@ class Report:
 
     @property
     def bytes_per_pose(self) -> float:
-        """Payload bytes, message heads shared out."""
+        """Bytes per pose, including a share of the message header."""
         return self.payload_bytes / self.records if self.records else float("nan")
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is missing unreported, nothing unreadable and nobody was cut off."""
+        """Whether there is no unreported gap, decode error, error message or closed connection."""
         return self.gaps == 0 and self.decode_errors == 0 and not self.codes and not self.closes
 
     @property
     def holds(self) -> bool:
-        """Whether the server keeps up: sound, 99 % of what is due, p99 within one frame."""
+        """Whether the server keeps up: sound, 99 % of due messages delivered, p99 lateness within one frame."""
         enough = self.delivered >= 0.99 * self.expected
-        return self.sound and enough and self.lateness_ms.p99 <= 1_000.0 / self.asked.fps
+        return self.sound and enough and self.lateness_ms.p99 <= 1_000.0 / self.load.fps
 
     def to_json(self) -> dict[str, object]:
-        """Everything as JSON has it."""
+        """The report as a JSON object."""
         return dataclasses.asdict(self) | {
             "bytes_per_pose": round(self.bytes_per_pose, 2),
             "sound": self.sound,
@@ -106,98 +107,100 @@ class Fleet:
 
     Parameters
     ----------
-    asked : Asked
+    load : Load
     goals : Goals or None
     """
 
-    def __init__(self, asked: Asked, goals: Goals | None) -> None:
-        self.asked, self.tally, self.clock = asked, Tally(), Clock()
-        seeds = random.Random(asked.seed)
-        self.players = [
-            Player(asked, self.tally, self.clock, random.Random(seeds.getrandbits(64)), goals, at=seeds.getrandbits(16))
-            for _ in range(asked.sockets)
+    def __init__(self, load: Load, goals: Goals | None) -> None:
+        self.load, self.tally, self.clock = load, Tally(), Clock()
+        seeds = random.Random(load.seed)
+        self.clients = [
+            LoadClient(
+                load, self.tally, self.clock, random.Random(seeds.getrandbits(64)), goals, at=seeds.getrandbits(16)
+            )
+            for _ in range(load.sockets)
         ]
 
     async def open(self) -> None:
         """Open all streams and channels."""
-        for first in range(0, len(self.players), TOGETHER):
-            await asyncio.gather(*(player.start() for player in self.players[first : first + TOGETHER]))
+        for first in range(0, len(self.clients), TOGETHER):
+            await asyncio.gather(*(client.start() for client in self.clients[first : first + TOGETHER]))
 
     async def measure(self, seconds: float, *, settle_s: float, probe: Callable[[], float]) -> Report:
-        """Watch for some seconds. ``probe`` gives the server's CPU seconds so far."""
+        """Measure for some seconds; ``probe`` returns the server's CPU seconds so far."""
         tally, clock = self.tally, self.clock
         async with asyncio.TaskGroup() as group:
-            chores = [group.create_task(self._steer()), group.create_task(self._ping())]
+            workers = [group.create_task(self._steer()), group.create_task(self._ping())]
             await asyncio.sleep(settle_s)
-            start_ns = time.monotonic_ns() + clock.offset_ns
+            start_ns = time.monotonic_ns() + offset_ns_of(clock)
             tally.window(start_ns, start_ns + round(seconds * 1e9))
             steered = self._steered()
             cpu_s, own_s = probe(), time.process_time()
             await asyncio.sleep(seconds)
             cpu_s, own_s = probe() - cpu_s, time.process_time() - own_s
             sent, held = (now - then for now, then in zip(self._steered(), steered, strict=True))
-            for chore in chores:
-                chore.cancel()
+            for worker in workers:
+                worker.cancel()
         await self._tail()
         return self._report(seconds, cpu_s, own_s / seconds, (sent, held))
 
     async def close(self) -> None:
-        """Leave; returns when the server let go."""
-        links = [player.link for player in self.players if player.link is not None]
-        for link in links:
-            link.close()
+        """Close all connections; returns when the server has closed them."""
+        sockets = [client.socket for client in self.clients if client.socket is not None]
+        for socket in sockets:
+            socket.close()
         with suppress(TimeoutError):
             async with asyncio.timeout(5.0):
-                for link in links:
-                    await link.gone.wait()
-        for link in links:
-            link.abort()
+                for socket in sockets:
+                    await socket.gone.wait()
+        for socket in sockets:
+            socket.abort()
 
     # ── parts ────────────────────────────────────────────────────────────────────────────────────────────────────
 
     def _steered(self) -> tuple[int, int]:
-        return sum(player.steered for player in self.players), sum(player.held_back for player in self.players)
+        return sum(client.steered for client in self.clients), sum(client.held_back for client in self.clients)
 
     async def _steer(self) -> None:
-        """Steer every stream ``steer_hz`` times a second, a few at a time, on an absolute schedule."""
-        if self.asked.steer_hz <= 0:
+        """Send adverbs to every stream ``steer_hz`` times per second, in groups, on an absolute schedule."""
+        if self.load.steer_hz <= 0:
             return
-        interval_s = 1.0 / self.asked.steer_hz
-        slots = max(1, min(len(self.players), round(interval_s / SLOT_S)))
+        interval_s = 1.0 / self.load.steer_hz
+        slots = max(1, min(len(self.clients), round(interval_s / SLOT_S)))
         loop = asyncio.get_running_loop()
         start, count = loop.time(), 0
         while True:
-            for player in self.players[count % slots :: slots]:
-                player.steer()
+            for client in self.clients[count % slots :: slots]:
+                client.steer()
             count += 1
             await asyncio.sleep(max(start + count * interval_s / slots - loop.time(), 0.0))
 
     async def _ping(self) -> None:
-        """Keep comparing clocks."""
+        """Ping all streams in turn."""
         while True:
-            for player in self.players:
-                player.ping()
+            for client in self.clients:
+                client.ping()
                 await asyncio.sleep(0.2)
 
     async def _tail(self) -> None:
         for _ in range(TAIL_LOOKS):
-            if all(player.due_ns >= self.tally.stop_ns for player in self.players):
+            if all(client.due_ns >= self.tally.stop_ns for client in self.clients):
                 return
             await asyncio.sleep(0.02)
 
     def _report(self, seconds: float, cpu_s: float, own: float, steered: tuple[int, int]) -> Report:
         tally, clock = self.tally, self.clock
         return Report(
-            asked=self.asked,
+            load=self.load,
             seconds=seconds,
             delivered=tally.delivered,
-            expected=len(self.players) * round(seconds * self.asked.fps),
+            expected=len(self.clients) * round(seconds * self.load.fps),
             dropped=tally.dropped,
             gaps=tally.gaps,
             decode_errors=tally.wrong,
             decoded=tally.decoded,
-            lateness_ms=lateness_of(tally.late_ns, clock.offset_ns),
-            round_trip_ms=round((clock.round_trip_ns or 0) * 1e-6, 3),
+            lateness_ms=lateness_of(tally.late_ns, offset_ns_of(clock)),
+            round_trip_ms=round(1e3 * clock.round_trip_s, 3) if clock.known else 0.0,
             records=tally.records,
             payload_bytes=tally.payload_bytes,
             steered=steered[0],
@@ -212,32 +215,32 @@ class Fleet:
 
 
 async def play(
-    asked: Asked,
+    load: Load,
     *,
     seconds: float,
     settle_s: float = 0.5,
     probe: Callable[[], float] = lambda: 0.0,
     walk: bool = True,
 ) -> Report:
-    """Open a load, watch it, leave.
+    """Open a load, measure it, close it.
 
     Parameters
     ----------
-    asked : Asked
+    load : Load
     seconds, settle_s : float
-        How long to watch, and how long to wait before.
+        Duration of the measurement, and of the wait before it.
     probe : callable
-        Gives CPU seconds so far of the server.
+        Returns the server's CPU seconds so far.
     walk : bool
-        Whether adverbs come from a walk through the verb's examples; else they stay in the middle.
+        Whether adverbs follow a walk through the verb's examples; otherwise they stay in the middle.
 
     Raises
     ------
-    CannotAsk, FrameError, OSError, TimeoutError
+    RequestError, FrameError, OSError, TimeoutError
         If the server cannot be reached or does not open the channels.
     """
-    goals = Goals.ask(base_of(asked.url), asked.verb, np.random.default_rng(asked.seed)) if walk else None
-    fleet = Fleet(asked, goals)
+    goals = Goals.fetch(base_of(load.url), load.verb, np.random.default_rng(load.seed)) if walk else None
+    fleet = Fleet(load, goals)
     try:
         await fleet.open()
         return await fleet.measure(seconds, settle_s=settle_s, probe=probe)
@@ -245,11 +248,11 @@ async def play(
         await fleet.close()
 
 
-def run(asked: Asked, *, seconds: float, probe: Callable[[], float] = lambda: 0.0, walk: bool = True) -> Report:
-    """As :func:`play`, in an event loop of its own; garbage is not looked for meanwhile."""
+def run(load: Load, *, seconds: float, probe: Callable[[], float] = lambda: 0.0, walk: bool = True) -> Report:
+    """As :func:`play`, in a new event loop, without garbage collection."""
     gc.collect()
     gc.disable()
     try:
-        return uvloop.run(play(asked, seconds=seconds, probe=probe, walk=walk))
+        return uvloop.run(play(load, seconds=seconds, probe=probe, walk=walk))
     finally:
         gc.enable()

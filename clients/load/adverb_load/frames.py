@@ -1,4 +1,4 @@
-"""WebSocket frames (RFC 6455) as a client needs them: what goes out is masked, what comes in is not. No extensions."""
+"""WebSocket frames (RFC 6455) of a client: masked when sent, unmasked when received; no extensions."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ __all__ = [
 CONTINUED, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
 FIN, MASKED = 0x80, 0x80
 MAX_PAYLOAD = 1 << 26
-"""Bytes; a longer frame is an error, not a reason to fill memory."""
+"""Bytes; a longer frame is an error."""
 
 NO_CODE = 1005
-"""What stands for a close frame that names no code."""
+"""Code of a close frame without a code."""
 
 _GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 _SHORT, _LONG, _CODE = struct.Struct(">H"), struct.Struct(">Q"), struct.Struct(">H")
 
 
 class FrameError(Exception):
-    """What came is not what a server may send."""
+    """Received bytes are not valid frames of a server."""
 
 
 def mask(payload: bytes, key: bytes) -> bytes:
-    """A payload with a key of 4 bytes laid over it; doing it twice gives the payload back."""
+    """A payload XORed with a key of 4 bytes; the function is its own inverse."""
     count = len(payload)
     over = (key * (count // 4 + 1))[:count]
     return (int.from_bytes(payload, "little") ^ int.from_bytes(over, "little")).to_bytes(count, "little")
@@ -47,7 +47,7 @@ def frame(opcode: int, payload: bytes, key: bytes) -> bytes:
 
 
 def close_frame(code: int, key: bytes) -> bytes:
-    """A close frame that names a code and no reason."""
+    """A close frame with a code and no reason."""
     return frame(CLOSE, _CODE.pack(code), key)
 
 
@@ -59,7 +59,7 @@ def close_code(payload: bytes) -> tuple[int, str]:
 
 
 class Parser:
-    """Bytes from a server → messages."""
+    """Parses bytes of a server to messages."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -67,7 +67,7 @@ class Parser:
         self._kind = CONTINUED
 
     def feed(self, content: bytes) -> list[tuple[int, bytes]]:
-        """Opcode and payload of every message that is whole now; raises :class:`FrameError`."""
+        """Opcode and payload of every complete message; raises :class:`FrameError`."""
         if self._rest:
             content = self._rest + content
         found: list[tuple[int, bytes]] = []
@@ -95,7 +95,7 @@ class Parser:
         return found
 
     def _uncommon(self, first: int, payload: bytes, found: list[tuple[int, bytes]]) -> None:
-        """A control frame, or a part of a message."""
+        """Handle a control frame or a fragment of a message."""
         opcode, whole = first & 0x0F, bool(first & FIN)
         if first & 0x70:
             raise FrameError(f"reserved bits in a frame's first byte, 0x{first:02x}")
@@ -126,16 +126,18 @@ def request(host: str, port: int, path: str, key: bytes, subprotocol: str) -> by
 
 
 def accepted(answer: bytes, key: bytes, subprotocol: str) -> None:
-    """Check a server's answer up to its empty line; raises :class:`FrameError`."""
+    """Check the header lines of a server's response; raises :class:`FrameError`."""
     status, *lines = answer.decode("latin-1").split("\r\n")
     if status.split(" ")[1:2] != ["101"]:
-        raise FrameError(f"no WebSocket here: {status}")
+        raise FrameError(f"not a WebSocket: {status}")
     pairs = [line.partition(":") for line in lines if line]
     fields = {name.strip().lower(): value.strip() for name, _, value in pairs}
     expected = base64.b64encode(hashlib.sha1(base64.b64encode(key) + _GUID).digest()).decode()
     if fields.get("sec-websocket-accept") != expected:
-        raise FrameError("the server's Sec-WebSocket-Accept does not belong to the request")
+        raise FrameError("the server's Sec-WebSocket-Accept does not match the request")
     if fields.get("sec-websocket-protocol") != subprotocol:
-        raise FrameError(f"the server speaks {fields.get('sec-websocket-protocol')!r}, not {subprotocol!r}")
+        raise FrameError(
+            f"the server's subprotocol is {fields.get('sec-websocket-protocol')!r}, expected {subprotocol!r}"
+        )
     if "sec-websocket-extensions" in fields:
-        raise FrameError("the server uses an extension that nobody offered")
+        raise FrameError("the server uses an extension that was not offered")

@@ -1,4 +1,4 @@
-"""Where to send characters: walks through a verb's examples, so that goals are where the verb has something to show."""
+"""Goals for characters: walks through a verb's examples, so that goals stay near the examples."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ from urllib.parse import quote, urlsplit
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["CannotAsk", "Goals", "base_of", "fetch"]
+__all__ = ["Goals", "RequestError", "base_of", "fetch"]
 
 STEPS = 1_024
 PER_EXAMPLE = 16
 """Steps from one example to the next."""
 
 NEAR = 5
-"""A walk goes on to one of so many nearest examples, so that it stays where the examples are."""
+"""A walk continues at one of this number of nearest examples."""
 
 
-class CannotAsk(Exception):
-    """The server does not answer as it should; the message says what it did."""
+class RequestError(Exception):
+    """The server does not respond as expected."""
 
 
 def base_of(url: str) -> str:
-    """The server's REST address, from that of its stream or its own."""
+    """The server's REST address, from any of its addresses."""
     parts = urlsplit(url)
     scheme = {"ws": "http", "wss": "https"}.get(parts.scheme, parts.scheme)
     return f"{scheme}://{parts.netloc}"
 
 
 def fetch(base: str, path: str, *, timeout_s: float = 10.0) -> dict[str, Any]:
-    """A JSON object of the server; raises :class:`CannotAsk`."""
+    """A JSON response of the server; raises :class:`RequestError`."""
     try:
-        with urllib.request.urlopen(base + path, timeout=timeout_s) as answer:
-            found: dict[str, Any] = json.load(answer)
+        with urllib.request.urlopen(base + path, timeout=timeout_s) as response:
+            found: dict[str, Any] = json.load(response)
             return found
     except urllib.error.HTTPError as err:
-        said = err.read(4_096).decode("utf-8", "replace")
-        raise CannotAsk(f"GET {path} was answered {err.code}: {said}") from err
+        content = err.read(4_096).decode("utf-8", "replace")
+        raise RequestError(f"GET {path}: status {err.code}: {content}") from err
     except (OSError, ValueError) as err:
-        raise CannotAsk(f"no server answers at {base}: {err}") from err
+        raise RequestError(f"no server responds at {base}: {err}") from err
 
 
 @dataclass(frozen=True, slots=True)
 class Goals:
-    """A walk through adverbs, which is begun again when it ends.
+    """A walk through adverbs, repeated at its end.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Goals:
         The verb's adverbs.
     rows : (S, D) float32
     packed : list of bytes
-        The rows as a stream takes them.
+        The rows as bytes of a binary message.
     """
 
     names: list[str]
@@ -66,7 +66,7 @@ class Goals:
 
     @classmethod
     def of(cls, verb: Mapping[str, Any], rng: np.random.Generator) -> Goals:
-        """A walk from example to example of a verb as ``GET /v1/verbs/{verb}`` tells of it."""
+        """A walk from example to example of a verb as described by ``GET /v1/verbs/{verb}``."""
         names = [adverb["name"] for adverb in verb["adverbs"]]
         examples = np.array([[example["adverbs"][name] for name in names] for example in verb["examples"]])
         stops = examples[_stops(examples, rng, STEPS // PER_EXAMPLE + 1)]
@@ -76,8 +76,8 @@ class Goals:
         return cls(names, rows, [row.tobytes() for row in rows])
 
     @classmethod
-    def ask(cls, base: str, verb: str, rng: np.random.Generator) -> Goals:
-        """The walk through a verb that a server has; raises :class:`CannotAsk`."""
+    def fetch(cls, base: str, verb: str, rng: np.random.Generator) -> Goals:
+        """A walk through a verb of a server; raises :class:`RequestError`."""
         return cls.of(fetch(base, f"/v1/verbs/{quote(verb, safe='')}"), rng)
 
     def adverbs(self, step: int) -> dict[str, float]:
@@ -86,7 +86,7 @@ class Goals:
 
 
 def _stops(examples: npt.NDArray[np.float64], rng: np.random.Generator, count: int) -> npt.NDArray[np.int64]:
-    """Examples one after the other, each near the one before."""
+    """Indices of examples, each near the previous one."""
     spread = np.ptp(examples, axis=0)
     units = examples / np.where(spread > 0.0, spread, 1.0)
     apart = np.linalg.norm(units[:, None] - units[None], axis=2)

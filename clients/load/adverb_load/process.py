@@ -1,4 +1,4 @@
-"""Servers as processes: start one on a core of its own, read what it costs, end it."""
+"""Servers as processes: start one on a core, read its CPU time and memory, stop it."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["CannotStart", "Served", "pinned", "serve"]
+__all__ = ["Served", "StartError", "pinned", "serve"]
 
 START_S = 240.0
 """Longest wait for a server; its kernels may have to be compiled first."""
 
 
 _CORES = os.sched_getaffinity(0)
-"""Cores that there were at the start, before anything was pinned."""
+"""Cores that are available at the start, before any pinning."""
 
 
-class CannotStart(Exception):
-    """The server did not start; the message has its last words."""
+class StartError(Exception):
+    """The server did not start; the message has the end of its log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Served:
         return self._scheduled(0)
 
     def waited_s(self) -> float:
-        """Seconds so far in which a thread could have run and others had its core."""
+        """Seconds so far that its threads waited for a core."""
         return self._scheduled(1)
 
     def _scheduled(self, column: int) -> float:
@@ -59,7 +59,7 @@ class Served:
             try:
                 total_ns += int(file.read_text().split()[column])
             except (FileNotFoundError, ProcessLookupError):
-                continue  # a thread that just ended
+                continue  # the thread has ended
         return total_ns * 1e-9
 
     def rss_mib(self) -> float:
@@ -68,17 +68,17 @@ class Served:
         return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:")) / 1024.0
 
     def threads(self) -> int:
-        """How many threads it has."""
+        """Number of threads."""
         return len(os.listdir(f"/proc/{self.pid}/task"))
 
     def files(self) -> int:
-        """How many files and sockets it has open."""
+        """Number of open files and sockets."""
         return len(os.listdir(f"/proc/{self.pid}/fd"))
 
 
 @contextmanager
 def pinned(core: int) -> Iterator[None]:
-    """Run on one core, if there is such a one; what is started meanwhile stays there."""
+    """Run on one core, if it exists; child processes inherit it."""
     before = os.sched_getaffinity(0)
     if core in _CORES:
         os.sched_setaffinity(0, {core})
@@ -92,21 +92,21 @@ def pinned(core: int) -> Iterator[None]:
 def serve(
     command: Sequence[str], *, core: int | None, cwd: Path, environment: Mapping[str, str] | None = None
 ) -> Iterator[Served]:
-    """A server that ends with the block.
+    """A server that is stopped at the end of the block.
 
     Parameters
     ----------
     command : list of str
         Prints a line with its address, ``… ready on http://HOST:PORT …``, on stderr.
     core : int or None
-        Core that it runs on; any where None.
+        Core to run on; any if None.
     cwd : Path
     environment : mapping or None
-        Beside that of this process.
+        Added to that of this process.
 
     Raises
     ------
-    CannotStart
+    StartError
     """
     with pinned(core) if core is not None else _anywhere():
         process = subprocess.Popen(
@@ -135,7 +135,7 @@ def _anywhere() -> Iterator[None]:
 
 
 def _address(process: subprocess.Popen[bytes], log: list[str]) -> str:
-    """Wait for the line that names the address."""
+    """Wait for the line with the address."""
     assert process.stderr is not None
     os.set_blocking(process.stderr.fileno(), False)
     end, rest = time.monotonic() + START_S, b""
@@ -145,11 +145,11 @@ def _address(process: subprocess.Popen[bytes], log: list[str]) -> str:
             selector.select(timeout=0.5)
             chunk = process.stderr.read()
             if chunk == b"":
-                raise CannotStart(f"the server ended: {' | '.join(log[-5:])}")
+                raise StartError(f"the server ended: {' | '.join(log[-5:])}")
             *lines, rest = (rest + (chunk or b"")).split(b"\n")
             log += [line.decode("utf-8", "replace") for line in lines]
             for line in log:
                 _, found, after = line.partition("ready on http")
                 if found:
                     return "http" + after.split(" ")[0].rstrip()
-    raise CannotStart(f"the server was not ready within {START_S:g} s: {' | '.join(log[-5:])}")
+    raise StartError(f"the server was not ready within {START_S:g} s: {' | '.join(log[-5:])}")

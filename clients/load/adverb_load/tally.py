@@ -1,4 +1,4 @@
-"""What is counted: how late messages come, what is missing, and whose fault it is."""
+"""Counters of a load: lateness of messages, missing messages, faults."""
 
 from __future__ import annotations
 
@@ -7,30 +7,13 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
+from adverb_client import Clock
 
-__all__ = ["Clock", "Lateness", "Tally", "Track", "lateness_of"]
+__all__ = ["Lateness", "Tally", "Track", "lateness_of", "offset_ns_of"]
 
 WRAP = 1 << 32
 MAX_PROBLEMS = 8
-"""Problems that are kept word for word; all are counted."""
-
-
-class Clock:
-    """How far the server's clock is ahead of this machine's, by pings.
-
-    The quickest ping is believed: it is wrong by half its round trip at most.
-    """
-
-    def __init__(self) -> None:
-        self.round_trip_ns: int | None = None
-        self.offset_ns = 0
-
-    def add(self, sent_ns: int, arrived_ns: int, server_time_ns: int) -> None:
-        """Count a ping: two times of this machine, and the server's in between."""
-        took = arrived_ns - sent_ns
-        if took >= 0 and (self.round_trip_ns is None or took < self.round_trip_ns):
-            self.round_trip_ns = took
-            self.offset_ns = server_time_ns - (sent_ns + arrived_ns) // 2
+"""Number of problems whose text is kept; all are counted."""
 
 
 @dataclass(slots=True)
@@ -47,9 +30,9 @@ class Track:
     dropped: int = 0
 
     def step(self, sequence: int, dropped: int) -> tuple[int, int]:
-        """Take the next message; how many are missing without being reported, and how many more are reported.
+        """Count the next message; returns the numbers of messages missing unreported and newly reported.
 
-        A number that was there before counts as one that is missing.
+        A repeated sequence number counts as one missing message.
         """
         ahead = (sequence - self.sequence) % WRAP
         more = (dropped - self.dropped) % WRAP
@@ -63,7 +46,7 @@ class Track:
 
 @dataclass(slots=True)
 class Tally:
-    """Counts of a whole run. Lateness and loss count for ticks within the window, faults always.
+    """Counters of a run. Lateness and loss count for ticks within the window, faults always.
 
     Parameters
     ----------
@@ -72,15 +55,15 @@ class Tally:
     late_ns : array of int64
         Arrival on this machine's clock minus due time on the server's.
     delivered, records, payload_bytes : int
-        Messages, poses and their bytes, heads included.
+        Messages, poses and their bytes, including headers.
     dropped : int
-        Messages that the server said it did not send.
+        Messages that the server reports as dropped.
     messages, gaps, decoded, wrong : int
-        All messages; those missing without being reported; those that were read in full, and what was wrong.
+        All messages; those missing unreported; those decoded in full; number of faults.
     problems : list of str
-        The first few things that were wrong.
+        Texts of the first few faults.
     codes, closes, ops : Counter
-        Error codes, close codes, text messages by ``op``.
+        Error codes, close codes, text messages by kind.
     """
 
     start_ns: int = 0
@@ -100,7 +83,7 @@ class Tally:
     ops: Counter[str] = field(default_factory=Counter)
 
     def window(self, start_ns: int, stop_ns: int) -> None:
-        """Count what is due from here to there, and nothing from before."""
+        """Start a window of due times; earlier counts are reset."""
         self.start_ns, self.stop_ns, self.late_ns = start_ns, stop_ns, array("q")
         self.delivered = self.records = self.payload_bytes = self.dropped = 0
 
@@ -114,7 +97,7 @@ class Tally:
             self.payload_bytes += payload_bytes
 
     def lost(self, due_ns: int, missing: int, reported: int) -> None:
-        """Count messages that did not come."""
+        """Count missing messages."""
         self.gaps += missing
         if missing:
             self.note(f"{missing} messages are missing and were not reported")
@@ -122,12 +105,12 @@ class Tally:
             self.dropped += reported
 
     def fault(self, problem: str) -> None:
-        """Count something that a decoder refuses."""
+        """Count a message that is malformed or implausible."""
         self.wrong += 1
         self.note(problem)
 
     def note(self, problem: str) -> None:
-        """Keep a problem, if there is room."""
+        """Keep the text of a problem, up to a limit."""
         if len(self.problems) < MAX_PROBLEMS:
             self.problems.append(problem)
 
@@ -142,15 +125,20 @@ class Lateness:
     max: float
 
 
+def offset_ns_of(clock: Clock) -> int:
+    """Server's clock minus this machine's, ns; 0 before the first pong."""
+    return round(clock.offset_s * 1e9) if clock.known else 0
+
+
 def lateness_of(late_ns: array[int], offset_ns: int) -> Lateness:
-    """Quantiles of lateness; NaN where nothing came.
+    """Quantiles of lateness; NaN without messages.
 
     Parameters
     ----------
     late_ns : array of int64
         As in :class:`Tally`.
     offset_ns : int
-        What to add to a time of this machine to have the server's.
+        Server's clock minus this machine's.
     """
     if not late_ns:
         return Lateness(*[float("nan")] * 4)

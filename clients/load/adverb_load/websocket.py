@@ -10,19 +10,19 @@ from urllib.parse import urlsplit
 
 from adverb_load import frames
 
-__all__ = ["SUBPROTOCOL", "Link", "Listener", "connect"]
+__all__ = ["SUBPROTOCOL", "Listener", "WebSocket", "connect"]
 
 SUBPROTOCOL = "adverb.v1"
 LOST = 1006
-"""What stands for a connection that ended without a close frame."""
+"""Close code of a connection that ended without a close frame."""
 
-MAX_ANSWER = 16_384
+MAX_RESPONSE = 16_384
 FULL = 1 << 18
-"""Bytes that wait to be sent from which on a sender should hold back."""
+"""Unsent bytes at which a sender should hold back."""
 
 
 class Listener(Protocol):
-    """Who is told what comes; times are those of ``time.monotonic_ns``."""
+    """Receiver of messages; times are those of ``time.monotonic_ns``."""
 
     def text(self, content: bytes, now_ns: int) -> None:
         """A text message."""
@@ -31,25 +31,25 @@ class Listener(Protocol):
         """A binary message."""
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection is over; 1006 where nobody said why."""
+        """The connection is closed; code 1006 without a close frame."""
 
 
-class Link(asyncio.Protocol):
+class WebSocket(asyncio.Protocol):
     """A connection.
 
     Parameters
     ----------
     listener : Listener
     request, key : bytes
-        The opening request and the key that stands in it.
+        The opening request and its key.
     rng : random.Random
-        Of the masks.
+        Source of masks.
     """
 
     def __init__(self, listener: Listener, request: bytes, key: bytes, rng: random.Random) -> None:
         self._listener, self._request, self._key, self._rng = listener, request, key, rng
         self._parser = frames.Parser()
-        self._answer: bytes | None = b""
+        self._response: bytes | None = b""
         self._ending: tuple[int, str] | None = None
         self._transport: asyncio.Transport | None = None
         loop = asyncio.get_running_loop()
@@ -60,17 +60,17 @@ class Link(asyncio.Protocol):
     # ── asyncio ──────────────────────────────────────────────────────────────────────────────────────────────────
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Ask for a WebSocket."""
-        self._transport = cast(asyncio.Transport, transport)  # uvloop's is one without saying so
+        """Send the opening request."""
+        self._transport = cast(asyncio.Transport, transport)  # uvloop's transport has no declared type
         self._transport.write(self._request)
 
     def data_received(self, data: bytes) -> None:
-        """Read what came."""
+        """Parse received bytes."""
         now_ns = time.monotonic_ns()
         self.received += len(data)
         try:
-            if self._answer is not None:
-                data = self._shake(data)
+            if self._response is not None:
+                data = self._handshake(data)
             for opcode, payload in self._parser.feed(data):
                 if opcode == frames.BINARY:
                     self._listener.binary(payload, now_ns)
@@ -82,14 +82,14 @@ class Link(asyncio.Protocol):
             self._fail(err)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Tell that it is over."""
+        """Report the end of the connection."""
         if not self.ready.done():
             self.ready.set_exception(frames.FrameError("the connection ended before it was a WebSocket"))
             self.ready.exception()
         self.gone.set()
         self._listener.closed(*(self._ending or (LOST, "")))
 
-    # ── what a client does ───────────────────────────────────────────────────────────────────────────────────────
+    # ── public methods ───────────────────────────────────────────────────────────────────────────────────────────
 
     @property
     def alive(self) -> bool:
@@ -98,7 +98,7 @@ class Link(asyncio.Protocol):
 
     @property
     def full(self) -> bool:
-        """Whether the server reads so slowly that a sender should hold back."""
+        """Whether too many bytes are unsent; a sender should hold back."""
         return self._transport is None or self._transport.get_write_buffer_size() > FULL
 
     def send(self, opcode: int, *payloads: bytes) -> None:
@@ -107,22 +107,22 @@ class Link(asyncio.Protocol):
         self.write(b"".join([frames.frame(opcode, payload, key) for payload in payloads]))
 
     def write(self, content: bytes) -> None:
-        """Send bytes as they are, whether they are frames or not."""
+        """Send raw bytes, which need not be frames."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(content)
 
     def close(self, code: int = 1000) -> None:
-        """Say that it ends; the server ends the connection."""
+        """Send a close frame; the server closes the connection."""
         self._ending = self._ending or (code, "closed here")
         self.write(frames.close_frame(code, self._rng.randbytes(4)))
 
     def abort(self) -> None:
-        """End it without a word."""
+        """Abort the connection without a close frame."""
         if self._transport is not None:
             self._transport.abort()
 
     def read(self, *, on: bool) -> None:
-        """Read, or stop reading until told again."""
+        """Resume or pause reading."""
         if self._transport is None or self._transport.is_closing():
             return
         if on:
@@ -132,16 +132,16 @@ class Link(asyncio.Protocol):
 
     # ── parts ────────────────────────────────────────────────────────────────────────────────────────────────────
 
-    def _shake(self, data: bytes) -> bytes:
-        """Read the answer to the opening request; what stands behind it is given back."""
-        answer, end, rest = ((self._answer or b"") + data).partition(b"\r\n\r\n")
+    def _handshake(self, data: bytes) -> bytes:
+        """Parse the response to the opening request; returns the bytes after it."""
+        response, end, rest = ((self._response or b"") + data).partition(b"\r\n\r\n")
         if not end:
-            self._answer = answer
-            if len(answer) > MAX_ANSWER:
-                raise frames.FrameError(f"the server's answer is longer than {MAX_ANSWER} bytes")
+            self._response = response
+            if len(response) > MAX_RESPONSE:
+                raise frames.FrameError(f"the server's response is longer than {MAX_RESPONSE} bytes")
             return b""
-        frames.accepted(answer, self._key, SUBPROTOCOL)
-        self._answer = None
+        frames.accepted(response, self._key, SUBPROTOCOL)
+        self._response = None
         self.ready.set_result(None)
         return rest
 
@@ -149,9 +149,9 @@ class Link(asyncio.Protocol):
         if opcode == frames.PING:
             self.send(frames.PONG, payload)
         elif opcode == frames.CLOSE:
-            said = self._ending is not None
+            closing = self._ending is not None
             self._ending = self._ending or frames.close_code(payload)
-            if not said:
+            if not closing:
                 self.write(frames.frame(frames.CLOSE, payload[:2], self._rng.randbytes(4)))
             if self._transport is not None:
                 self._transport.close()
@@ -163,19 +163,19 @@ class Link(asyncio.Protocol):
         self.abort()
 
 
-async def connect(url: str, listener: Listener, rng: random.Random, *, timeout_s: float = 10.0) -> Link:
+async def connect(url: str, listener: Listener, rng: random.Random, *, timeout_s: float = 10.0) -> WebSocket:
     """Open a WebSocket; raises :class:`frames.FrameError`, OSError or TimeoutError."""
     parts = urlsplit(url)
     if parts.scheme != "ws" or not parts.hostname:
-        raise ValueError(f"'{url}' is no address of a stream; expected ws://HOST:PORT/v1/stream")
+        raise ValueError(f"'{url}' is not the address of a stream; expected ws://HOST:PORT/v1/stream")
     host, port, key = parts.hostname, parts.port or 80, rng.randbytes(16)
-    asked = frames.request(host, port, parts.path or "/", key, SUBPROTOCOL)
+    load = frames.request(host, port, parts.path or "/", key, SUBPROTOCOL)
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(timeout_s):
-        _, link = await loop.create_connection(lambda: Link(listener, asked, key, rng), host, port)
+        _, socket = await loop.create_connection(lambda: WebSocket(listener, load, key, rng), host, port)
         try:
-            await link.ready
+            await socket.ready
         except asyncio.CancelledError:
-            link.abort()
+            socket.abort()
             raise
-    return link
+    return socket

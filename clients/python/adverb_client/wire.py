@@ -13,11 +13,24 @@ import numpy.typing as npt
 from adverb_client.errors import DecodeError
 from adverb_client.records import ENCODINGS, ERROR, HEADER, Q48, WEIGHTS, decode_q48, record_dtype
 
-__all__ = ["Layout", "PoseMessage", "Record", "RecordBatch", "decode_message", "encode_adverbs"]
+__all__ = [
+    "ADVERBS",
+    "MESSAGE_HEADER",
+    "POSES",
+    "WIRE",
+    "Layout",
+    "PoseMessage",
+    "Record",
+    "RecordBatch",
+    "decode_message",
+    "encode_adverbs",
+]
 
 POSES, ADVERBS = 0x01, 0x10
+"""Ops of binary messages."""
 WIRE = 1
-_HEADER = struct.Struct("<BBHIQI")
+MESSAGE_HEADER = struct.Struct("<BBHIQI")
+"""Header of a pose message: op, wire version, records, sequence, time in ns, dropped."""
 _ADVERBS = struct.Struct("<BBH")
 _COUNT = struct.Struct("<HH")
 _MAX_BATCH = 256  # bounds repeated scans where layouts alternate
@@ -178,12 +191,12 @@ def decode_message(content: bytes, layouts: Mapping[int, Layout]) -> PoseMessage
         If the message is not a pose message of this wire version, a record belongs to a channel without layout or has
         another encoding than its channel, the length does not fit, or a number other than ``error`` is not finite.
     """
-    if len(content) < _HEADER.size:
-        raise DecodeError(f"a message of {len(content)} bytes; a pose message has at least {_HEADER.size}")
-    op, wire, records, sequence, time_ns, dropped = _HEADER.unpack_from(content)
+    if len(content) < MESSAGE_HEADER.size:
+        raise DecodeError(f"a message of {len(content)} bytes; a pose message has at least {MESSAGE_HEADER.size}")
+    op, wire, records, sequence, time_ns, dropped = MESSAGE_HEADER.unpack_from(content)
     if op != POSES or wire != WIRE:
         raise DecodeError(f"message 0x{op:02x} of wire version {wire}; expected 0x{POSES:02x} of {WIRE}")
-    batches, at, left = [], _HEADER.size, records
+    batches, at, left = [], MESSAGE_HEADER.size, records
     while left:
         batch, at = _batch(content, at, left, layouts)
         batches.append(batch)
@@ -233,6 +246,8 @@ def _layout_at(content: bytes, at: int, layouts: Mapping[int, Layout]) -> Layout
 
 def _same_layout(rows: npt.NDArray[np.void], layout: Layout, layouts: Mapping[int, Layout]) -> int:
     """Number of leading records with the given layout; what follows them cannot be read in this layout."""
+    if len(rows) == 1:
+        return 1
     channels, encodings = rows["channel"].tolist(), rows["encoding"].tolist()
     counts = rows["count"].tolist() if layout.encoding == WEIGHTS else None
     for k in range(1, len(rows)):

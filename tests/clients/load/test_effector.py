@@ -1,8 +1,8 @@
-"""What poses reach, measured by clients, is what the library measures; walks stay among the examples."""
+"""Effector errors agree with the library; walks stay among the examples."""
 
 import numpy as np
 import pytest
-from adverb_load.effector import Reach
+from adverb_load.effector import Effector
 from adverb_load.goals import Goals, base_of
 
 from verbs.kernels import pose as kernels
@@ -19,23 +19,23 @@ VERB = {
 }
 
 
-def test_forward_kinematics_is_the_library_s():
+def test_forward_kinematics_agrees_with_the_library():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(5, 3))
     rotations = quat.exp(rng.normal(size=(5, 4, 3)))
     skeleton = Skeleton(tuple(NAMES), np.array(PARENTS), np.array(OFFSETS))
     turns, places = np.empty_like(rotations), np.empty((5, 4, 3))
     kernels.forward(root, rotations, skeleton.parents, skeleton.offsets, turns, places)
-    reach = Reach.of(VERB)
-    assert reach.phase == 0.4
-    np.testing.assert_allclose(reach.points(root, rotations), places[:, 3], atol=1e-12)
-    asked = places[:, 3] + [0.0, 0.03, 0.04]
-    np.testing.assert_allclose(reach.errors(asked, root, rotations), 0.05, atol=1e-12)
+    effector = Effector.of(VERB)
+    assert effector.phase == 0.4
+    np.testing.assert_allclose(effector.points(root, rotations), places[:, 3], atol=1e-12)
+    goals = places[:, 3] + [0.0, 0.03, 0.04]
+    np.testing.assert_allclose(effector.errors(goals, root, rotations), 0.05, atol=1e-12)
 
 
 @pytest.mark.parametrize("change", [{"kind": "jump"}, {"adverbs": ["u", "v"]}])
-def test_verbs_of_other_measures_are_left_alone(change):
-    assert Reach.of(VERB | {"measure": VERB["measure"] | change}) is None
+def test_verbs_of_other_measures_have_no_effector(change):
+    assert Effector.of(VERB | {"measure": VERB["measure"] | change}) is None
 
 
 def test_a_walk_passes_through_examples_and_stays_between_neighbours():
@@ -52,11 +52,11 @@ def test_a_walk_passes_through_examples_and_stays_between_neighbours():
     assert goals.adverbs(1_024 + 3) == {"a": float(rows[3, 0]), "b": 1.0}
 
 
-def test_one_example_is_a_walk_too():
+def test_a_walk_of_one_example_is_constant():
     goals = Goals.of({"adverbs": [{"name": "a"}], "examples": [{"adverbs": {"a": 2.0}}]}, np.random.default_rng(1))
     assert (goals.rows == 2.0).all()
 
 
-def test_rest_is_where_the_stream_is():
+def test_the_rest_address_of_a_stream():
     assert base_of("ws://127.0.0.1:8000/v1/stream") == "http://127.0.0.1:8000"
     assert base_of("http://127.0.0.1:8000") == "http://127.0.0.1:8000"

@@ -1,4 +1,4 @@
-"""Frames against RFC 6455's own examples, and in every way in which bytes can be cut."""
+"""Frames against the examples of RFC 6455, and in chunks of any size."""
 
 import random
 import struct
@@ -10,12 +10,12 @@ from adverb_load.frames import BINARY, CLOSE, PING, TEXT, FrameError, Parser
 KEY = bytes.fromhex("37fa213d")
 
 
-def test_the_rfc_s_masked_hello():
+def test_masked_hello_of_the_rfc():
     assert frames.frame(TEXT, b"Hello", KEY) == bytes.fromhex("818537fa213d7f9f4d5158")
 
 
 @pytest.mark.parametrize("length", [0, 1, 3, 4, 5, 125, 126, 127, 65_535, 65_536, 70_001])
-def test_masking_twice_gives_the_payload_back(length):
+def test_masking_is_its_own_inverse(length):
     payload = random.Random(length).randbytes(length)
     masked = frames.mask(payload, KEY)
     assert all(masked[k] == payload[k] ^ KEY[k % 4] for k in range(min(length, 300)))
@@ -23,7 +23,7 @@ def test_masking_twice_gives_the_payload_back(length):
 
 
 @pytest.mark.parametrize(("length", "head"), [(125, 2), (126, 4), (65_535, 4), (65_536, 10)])
-def test_the_length_takes_as_many_bytes_as_it_needs(length, head):
+def test_lengths_are_encoded_in_their_form(length, head):
     sent = frames.frame(BINARY, bytes(length), KEY)
     assert len(sent) == head + 4 + length
     assert sent[1] & 0x80
@@ -51,7 +51,7 @@ STREAM = b"".join(from_server(*message) for message in MESSAGES)
 
 
 @pytest.mark.parametrize("step", [1, 2, 3, 7, 64, 1_000, 65_541, len(STREAM)])
-def test_messages_come_whole_however_the_bytes_are_cut(step):
+def test_messages_are_parsed_from_any_chunks(step):
     parser = Parser()
     found = []
     cuts = range(0, len(STREAM), step) if step > 7 else [*range(0, 400, step), 400]
@@ -60,7 +60,7 @@ def test_messages_come_whole_however_the_bytes_are_cut(step):
     assert found == MESSAGES
 
 
-def test_parts_are_put_together_and_a_ping_may_stand_between_them():
+def test_fragments_are_joined_around_a_ping():
     parser = Parser()
     parts = from_server(TEXT, b"one ", fin=False) + from_server(PING, b"?") + from_server(0, b"two ", fin=False)
     assert parser.feed(parts) == [(PING, b"?")]
@@ -71,7 +71,7 @@ def test_parts_are_put_together_and_a_ping_may_stand_between_them():
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "match"),
     [
         (frames.frame(TEXT, b"x", KEY), "masked"),
         (b"\xc1\x00", "reserved bits"),
@@ -81,12 +81,12 @@ def test_parts_are_put_together_and_a_ping_may_stand_between_them():
         (from_server(TEXT, b"a", fin=False) + from_server(TEXT, b"b"), "opcode 1"),
     ],
 )
-def test_what_no_server_may_send_is_refused(content, said):
-    with pytest.raises(FrameError, match=said):
+def test_invalid_frames_are_rejected(content, match):
+    with pytest.raises(FrameError, match=match):
         Parser().feed(content)
 
 
-def test_a_close_frame_need_not_name_a_code():
+def test_a_close_frame_without_code():
     assert frames.close_code(b"") == (1005, "")
     assert frames.close_code(struct.pack(">H", 1000) + b"bye") == (1000, "bye")
 
@@ -98,23 +98,23 @@ ANSWER = (
 )
 
 
-def test_the_rfc_s_handshake():
-    asked = frames.request("127.0.0.1", 8000, "/v1/stream", NONCE, "adverb.v1")
-    assert b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n" in asked
-    assert asked.startswith(b"GET /v1/stream HTTP/1.1\r\nHost: 127.0.0.1:8000\r\n")
-    assert asked.endswith(b"\r\n\r\n")
+def test_handshake_of_the_rfc():
+    load = frames.request("127.0.0.1", 8000, "/v1/stream", NONCE, "adverb.v1")
+    assert b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n" in load
+    assert load.startswith(b"GET /v1/stream HTTP/1.1\r\nHost: 127.0.0.1:8000\r\n")
+    assert load.endswith(b"\r\n\r\n")
     frames.accepted(ANSWER, NONCE, "adverb.v1")
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "match"),
     [
         (b"101 Switching Protocols", b"404 Not Found", "404"),
-        (b"s3pP", b"s3pQ", "does not belong"),
+        (b"s3pP", b"s3pQ", "does not match"),
         (b"adverb.v1", b"chat", "chat"),
         (b"Upgrade: websocket", b"Sec-WebSocket-Extensions: permessage-deflate", "extension"),
     ],
 )
-def test_another_answer_is_refused(old, new, said):
-    with pytest.raises(FrameError, match=said):
+def test_other_responses_are_rejected(old, new, match):
+    with pytest.raises(FrameError, match=match):
         frames.accepted(ANSWER.replace(old, new), NONCE, "adverb.v1")

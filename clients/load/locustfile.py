@@ -87,7 +87,7 @@ RNG = random.Random(1)
 
 
 def _options(parser: Any) -> None:
-    """What can be requested for beside Locust's own."""
+    """Add the options of this load."""
     parser.add_argument("--verb", default="reach", env_var="ADVERB_LOAD_VERB", help="verb to request")
 
 

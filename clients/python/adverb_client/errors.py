@@ -7,7 +7,7 @@
     │   └── TimedOut                there is no answer in time
     ├── DecodeError                 a response or message does not follow the specification
     ├── StreamClosed                the stream is closed; see close_code
-    └── ResponseError                     the server answers with an error: known, limit, request_id, …
+    └── ResponseError           the server answers with an error: known, limit, request_id, …
         ├── UnknownName             `known` lists the names that exist
         │   ├── UnknownVerb
         │   ├── UnknownVersion
@@ -29,6 +29,9 @@
         ├── TooLarge                see `limit`
         │   ├── BodyTooLarge
         │   └── BatchTooLarge
+        ├── WrongAddress            the server refuses the address or the page
+        │   ├── UnknownHost
+        │   └── ForeignOrigin
         ├── WrongRoute
         │   ├── NotFound
         │   ├── MethodNotAllowed
@@ -67,6 +70,7 @@ __all__ = [
     "Conflict",
     "DecodeError",
     "FieldError",
+    "ForeignOrigin",
     "InternalError",
     "InvalidRequest",
     "MalformedBody",
@@ -88,6 +92,7 @@ __all__ = [
     "Unavailable",
     "UnknownAdverb",
     "UnknownChannel",
+    "UnknownHost",
     "UnknownJoint",
     "UnknownMethod",
     "UnknownName",
@@ -98,6 +103,7 @@ __all__ = [
     "UnknownVersion",
     "UnsupportedMediaType",
     "VersionConflict",
+    "WrongAddress",
     "WrongRoute",
     "error_class",
 ]
@@ -216,6 +222,22 @@ class ResponseError(AdverbError):
 
 class UnknownName(ResponseError):
     """The name does not exist; ``known`` lists those that do."""
+
+
+class WrongAddress(ResponseError):
+    """The server does not answer under this name, or not for this page."""
+
+
+class UnknownHost(WrongAddress):
+    """The server is not known under the host name of the address; see ``ADVERB_ALLOWED_HOSTS``."""
+
+    code = "unknown_host"
+
+
+class ForeignOrigin(WrongAddress):
+    """A browser sent the request for a page of another site."""
+
+    code = "foreign_origin"
 
 
 class UnknownVerb(UnknownName):

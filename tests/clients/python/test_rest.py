@@ -21,7 +21,7 @@ def app(catalog):
 
 @pytest.fixture
 async def client(app, anyio_backend):
-    async with AsyncClient("http://adverb", transport=httpx.ASGITransport(app=app)) as client:
+    async with AsyncClient("http://localhost", transport=httpx.ASGITransport(app=app)) as client:
         yield client
 
 

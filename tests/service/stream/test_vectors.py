@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from service.messages import CLIENT, SERVER
-from service.stream.packing import HEADER, OP_POSES, WIRE, Layout, Targets, pack
 from verbs.characters import Frames
 from verbs.evaluate import Blend
+
+from service.stream.packing import HEADER, OP_POSES, WIRE, Layout, Targets, pack
 from verbs.kernels import live
 
 FILE = Path(__file__).parents[2] / "golden" / "wire_vectors.v1.json"

@@ -13,8 +13,9 @@ PAGE := $(if $(HAS_NPM),$(STATIC),no-dashboard)
 DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.json package-lock.json vite.config.ts)) \
 	$(shell find $(DASHBOARD)/src -type f 2>/dev/null)
 
-# Kernels are compiled once, and again where one of them changed.
+# A kernel is compiled once, and again where it or one that it calls changed; see verbs/kernels/compile.py.
 WARM := $(NUMBA_CACHE_DIR)/.warm
+KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
 .PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-refine bench clean
 
@@ -41,8 +42,8 @@ endif
 serve: setup $(PAGE) $(WARM)  ## start the server on 127.0.0.1:8000 (ADVERB_PORT, ADVERB_DATA, … are honoured)
 	@exec $(BIN)/adverb serve
 
-$(WARM): $(VENV)/.ready $(wildcard verbs/kernels/*.py) service/stream/packing.py
-	@echo "setup: compiling kernels (about a minute, once)"
+$(WARM): $(VENV)/.ready verbs/kernels/compile.py $(KERNELS)
+	@echo "setup: compiling kernels (a minute at first, seconds after a change)"
 	@$(BIN)/python -m service.run.warmup
 	@touch $@
 

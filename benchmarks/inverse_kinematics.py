@@ -103,13 +103,13 @@ def main() -> None:
     tasks: dict[str, Callable[[], object]] = {name: partial(method.weights, rows) for name, method in methods.items()}
     tasks["corrected, with pose"] = lambda: evaluator.pose(rows, phase=phase)
     make = _mink()
-    solve = make(verb.skeleton, goal.roots.mean(axis=0)) if make else None
+    solve = make(verb.skeleton, goal.chain.roots.mean(axis=1)) if make else None
     if solve:
         tasks["mink"] = lambda: [solve(target) for target in targets[:SOLVED]]
     best = interleave(tasks, rounds=20)
     each = {name: 1e6 * seconds / (SOLVED if name == "mink" else TARGETS) for name, seconds in best.items()}
     for name, method in methods.items():
-        errors = np.linalg.norm(goal.reached(method.weights(rows)) - targets, axis=1)
+        errors = np.linalg.norm(goal.measured(method.weights(rows)) - targets, axis=1)
         _report(name, each[name], errors)
     print(f"  {'corrected, with pose':<24}{each['corrected, with pose']:>12.2f} µs each")
     if solve:

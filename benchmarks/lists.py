@@ -71,10 +71,7 @@ def _print_row(count: int, basis: Basis, queries: F64) -> None:
     treed, reached = np.empty((QUERIES, basis.radial.shape[1])), np.empty(QUERIES, int)
 
     def by_tree() -> None:
-        center_lists.cardinal_tree(
-            points, basis.kernel, basis.degree, basis.centers, basis.radii, basis.radial, basis.poly, tree.middles,
-            tree.reaches, tree.children, tree.spans, tree.order, treed,
-        )  # fmt: skip
+        center_lists.cardinal_tree(points, basis.arrays, tree, treed)
 
     rbf, brute, by_grid, by_spheres = _least(
         [
@@ -84,7 +81,7 @@ def _print_row(count: int, basis: Basis, queries: F64) -> None:
             by_tree,
         ]
     )
-    center_lists.active(points, basis.kernel, basis.centers, basis.radii, reached)
+    center_lists.active(points, basis.arrays, reached)
     print(
         f"{count:8d}  {reached.mean():6.1f}  {rbf:6.3f}  {brute:6.3f}  {by_grid:6.3f}  {by_spheres:6.3f}"
         f"  {brute / by_grid:10.2f}  {brute / by_spheres:10.2f}  {len(grid.members):7d}"

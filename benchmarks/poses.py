@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import RBFInterpolator
 
 from benchmarks.timing import interleave
@@ -12,13 +11,14 @@ from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
 from verbs.domain import random_points
 from verbs.kernels import radial_basis
+from verbs.kernels.compile import kernel
 
 
-@njit(cache=True)
-def _compiled_loop(points, kernel, degree, centers, radii, radial, poly, row, out):
-    """A caller that is compiled itself asks point by point, as a game's own loop would."""
-    for point in points:
-        radial_basis.evaluate(point, kernel, degree, centers, radii, radial, poly, row, out)
+@kernel
+def _compiled_loop(points, basis, row, out):
+    """A compiled caller evaluates point by point, as a game's own loop would."""
+    for b in range(points.shape[0]):
+        radial_basis.evaluate(points[b], basis, row, out)
 
 
 def main() -> None:
@@ -31,7 +31,6 @@ def main() -> None:
     normal = (rows - basis.chart.shift) * basis.chart.scale
     interpolator = RBFInterpolator(basis.centers, np.eye(len(basis.centers)), kernel="linear", degree=1)
     three = Corrected.of_verb(verb, steps=3)
-    arrays = (basis.kernel, basis.degree, basis.centers, basis.radii, basis.radial, basis.poly)
     row, out = np.empty(len(basis.poly)), np.empty(len(verb.examples))
     best = interleave(
         {
@@ -40,7 +39,7 @@ def main() -> None:
             "poses, batch of 1,000, corrected": lambda: evaluator.pose(rows, phase=phases),
             "poses, batch of 1,000, rbf": lambda: evaluator.pose(rows, phase=phases, method="rbf"),
             "weights rbf, batch": lambda: basis_weights(basis, rows),
-            "weights rbf, compiled loop": lambda: _compiled_loop(normal, *arrays, row, out),
+            "weights rbf, compiled loop": lambda: _compiled_loop(normal, basis.arrays, row, out),
             "weights corrected K=3, batch": lambda: three.weights(rows),
             "scipy RBFInterpolator, batch": lambda: interpolator(normal),
             "scipy RBFInterpolator, 100 single": lambda: [interpolator(normal[k : k + 1]) for k in range(100)],

@@ -42,7 +42,7 @@ def freeze(instance: DataclassInstance) -> None:
     two compilations may differ in the last bit: one kind gives the same bits for both, and is compiled once.
     """
     for entry in fields(instance):
-        value = getattr(instance, entry.name)
+        value = getattr(instance, entry.name, None)  # a field that is set afterwards has none yet
         if isinstance(value, np.ndarray):
             view = np.ascontiguousarray(value).view()
             view.flags.writeable = False

@@ -15,15 +15,14 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
-from verbs.authoring.basis import polynomial
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
 from verbs.conventions import F64
 from verbs.domain import accuracy_points, inside, random_points
 from verbs.errors import OutOfRange, RequestError, UnknownName
 from verbs.goal import Goal
-from verbs.kernels import center_lists
 from verbs.kernels import chart as charts
+from verbs.kernels import radial_basis
 from verbs.verb import Basis, Chart, Verb
 
 __all__ = ["CHOICES", "Errors", "Mark", "PseudoExample", "Rules", "Step", "refine", "resume", "with_basis"]
@@ -183,7 +182,7 @@ def with_basis(verb: Verb, basis: Basis, rules: Rules, mark: Mark) -> Verb:
     goal, rng = Goal.of_verb(verb), np.random.default_rng([rules.seed, 1])  # search points come from [seed, 0]
     adverbs = random_points(verb, rng, int(verb.quality.get("samples", 1_000)))
     weights = basis_weights(basis, adverbs)
-    error = goal.compare(adverbs, goal.reached(weights))[1]
+    error = goal.compare(adverbs, goal.measured(weights))[1]
     figures = {"error_mean_m": float(error.mean()), "error_max_m": float(error.max())}
     figures["weight_sum_max"] = float(np.abs(weights).sum(axis=1).max())
     made = asdict(rules) | {"steps": mark.number, "pseudo_examples": len(basis.centers) - len(verb.values)}
@@ -224,7 +223,7 @@ class _Ground:
         goal, dims, stride = Goal.of_verb(verb), len(verb.adverbs), 0.0
         if not goal.measurable:
             raise RequestError(f"'{verb.name}' has style adverbs only: there is no error that refining could lower")
-        if basis.kernel not in center_lists.COMPACT:
+        if basis.radial_basis not in radial_basis.COMPACT:
             raise RequestError("refining needs a basis of compact radial functions")
         if points is None and dims > 2:
             points = random_points(verb, np.random.default_rng([rules.seed, 0]), rules.samples)
@@ -234,13 +233,14 @@ class _Ground:
             raise OutOfRange(f"search points must be finite and of shape (number, {dims})")
         correction = Corrected.of_verb(verb, basis="rbf", steps=ITERATIONS)
         span = np.ptp(goal.points(verb.values), axis=0)
-        scale = correction.scale / np.linalg.norm(correction.scale * span)
+        units = correction.correction.scale
+        scale = units / np.linalg.norm(units * span)
         goals, places = goal.points(adverbs), basis.chart.points(adverbs)
         return cls(verb, rules, goal, correction, scale, adverbs, places, goals, stride)
 
     def misses(self, basis: Basis, points: F64, goals: F64) -> F64:
         """Scaled distances (B, 3) from goals (B, 3) of what normalised chart points (B, D) reach."""
-        return np.asarray(self.scale * (self.goal.reached(_weights_at(basis, points)) - goals))
+        return np.asarray(self.scale * (self.goal.measured(_weights_at(basis, points)) - goals))
 
     def errors(self, basis: Basis, points: F64, goals: F64) -> F64:
         """Error (B,) at normalised chart points (B, D), as a share of the diagonal."""
@@ -336,7 +336,7 @@ def _drawn(ground: _Ground, basis: Basis, adverbs: F64) -> PseudoExample | None:
             return None
     weights = _weights_at(basis, place)
     ground.correction.correct(weights, goal)
-    missed = float(np.linalg.norm(ground.scale * (ground.goal.reached(weights) - goal)))
+    missed = float(np.linalg.norm(ground.scale * (ground.goal.measured(weights) - goal)))
     return PseudoExample(adverbs, None, weights[0], missed) if missed <= USABLE else None
 
 
@@ -379,7 +379,7 @@ def _insert(basis: Basis, drawn: PseudoExample, rules: Rules) -> Basis | None:
     radii = np.append(basis.radii, _nearest(basis, centers[-1]))
     if rules.radii == "global":
         radii = np.ascontiguousarray(cKDTree(centers).query(centers, 2)[0][:, 1])
-    powers, poly = polynomial(centers, basis.degree), basis.poly
+    powers, poly = radial_basis.polynomial_matrix(centers, basis.degree), basis.poly
     if rules.planes == "refit":
         poly = np.ascontiguousarray(np.linalg.lstsq(powers, targets, rcond=None)[0])
     larger = replace(basis, centers=centers, radii=radii, poly=poly, radial=targets)
@@ -394,6 +394,4 @@ def _insert(basis: Basis, drawn: PseudoExample, rules: Rules) -> Basis | None:
 
 def _system(basis: Basis) -> F64:
     """Radial functions (C, C) of all centers (columns) at all centers: the matrix Q of section 3.1."""
-    out = np.empty((len(basis.centers), len(basis.centers)))
-    center_lists.radial_matrix(basis.kernel, basis.centers, basis.centers, basis.radii, out)
-    return out
+    return radial_basis.radial_matrix(basis.radial_basis, basis.centers, basis.centers, basis.radii)

@@ -12,9 +12,9 @@ import numpy as np
 from verbs.conventions import F32, F64, I64, MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, freeze
 from verbs.errors import IllPosedVerb, UnknownName
 from verbs.kernels import chart as charts
-from verbs.kernels import coordinates, radial_basis
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
+from verbs.kernels.radial_basis import RADIAL_BASES, BasisArrays
 from verbs.skeleton import Skeleton
 
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,62}")
@@ -24,6 +24,10 @@ NAME = re.compile(r"[a-z][a-z0-9_-]{0,62}")
 def _check(holds: bool, problem: str) -> None:
     if not holds:
         raise IllPosedVerb(problem)
+
+
+def _set_arrays(instance: Chart | Domain | Basis, arrays: tuple[Any, ...]) -> None:
+    object.__setattr__(instance, "arrays", arrays)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +66,8 @@ class Chart:
         The cylinder's axis x, z (m), cut (rad) and unrolling radius (m).
     shift, scale : (D,) float64
         Normalised coordinates are (bent adverbs - shift) · scale.
+    arrays : ChartArrays
+        All of these, for kernels.
     """
 
     kind: int
@@ -69,9 +75,11 @@ class Chart:
     bend: F64
     shift: F64
     scale: F64
+    arrays: charts.ChartArrays = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         freeze(self)
+        _set_arrays(self, charts.ChartArrays(self.kind, self.axes, self.bend, self.shift, self.scale))
         dims = len(self.shift)
         _check(self.kind in charts.CHARTS.values(), f"chart number {self.kind} does not exist")
         _check(self.axes.shape == (3,) and self.bend.shape == (4,), "a chart has 3 axes and 4 bend numbers")
@@ -81,16 +89,16 @@ class Chart:
 
     def points(self, adverbs: F64) -> F64:
         """Normalised chart points (..., D) of adverbs (..., D)."""
-        return self._through(coordinates.normalise, adverbs)
+        return self._through(charts.normalise, adverbs)
 
     def adverbs(self, points: F64) -> F64:
         """Adverbs (..., D) of normalised chart points (..., D)."""
-        return self._through(coordinates.denormalise, points)
+        return self._through(charts.denormalise, points)
 
     def _through(self, kernel: Callable[..., None], rows: F64) -> F64:
         flat = np.ascontiguousarray(rows, np.float64).reshape(-1, len(self.shift))
         out = np.empty(flat.shape)
-        kernel(flat, self.kind, self.axes, self.bend, self.shift, self.scale, out)
+        kernel(flat, self.arrays, out)
         return out.reshape(rows.shape)
 
 
@@ -106,15 +114,19 @@ class Domain:
         A point inside, in normalised chart coordinates.
     sharpness : float
         Order of the smooth maximum over facets.
+    arrays : DomainArrays
+        All of these, for kernels.
     """
 
     chart: Chart
     facets: F64
     middle: F64
     sharpness: float
+    arrays: charts.DomainArrays = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         freeze(self)
+        _set_arrays(self, charts.DomainArrays(self.chart.arrays, self.facets, self.middle, self.sharpness))
         dims = len(self.chart.shift)
         _check(self.middle.shape == (dims,), "the domain's middle has the wrong length")
         _check(self.facets.ndim == 2 and self.facets.shape[1] == dims, "the domain's facets have the wrong shape")
@@ -129,8 +141,8 @@ class Basis:
     ----------
     chart : Chart
         Where its distances are taken.
-    kernel, degree : int
-        Radial function (a number of :data:`verbs.kernels.radial_basis.KERNELS`) and polynomial degree, 0 to 2.
+    radial_basis, degree : int
+        Radial function (a number of :data:`verbs.kernels.radial_basis.RADIAL_BASES`) and polynomial degree, 0 to 2.
     centers : (C, D) float64
         Examples first, pseudo-examples after them, in normalised chart coordinates.
     radii : (C,) float64
@@ -138,22 +150,28 @@ class Basis:
     poly : (L, N) float64
     condition : float
         Condition number of the solved system.
+    arrays : BasisArrays
+        All but the condition, for kernels.
     """
 
     chart: Chart
-    kernel: int
+    radial_basis: int
     degree: int
     centers: F64
     radii: F64
     radial: F64
     poly: F64
     condition: float
+    arrays: BasisArrays = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         freeze(self)
+        parts = (self.radial_basis, self.degree, self.centers, self.radii, self.radial, self.poly)
+        _set_arrays(self, BasisArrays(self.chart.arrays, *parts))
         count, dims = self.centers.shape
         length = {0: 1, 1: dims + 1, 2: 1 + dims + dims * (dims + 1) // 2}.get(self.degree, -1)
-        _check(self.kernel in radial_basis.KERNELS.values(), f"radial function number {self.kernel} does not exist")
+        known = self.radial_basis in RADIAL_BASES.values()
+        _check(known, f"radial function number {self.radial_basis} does not exist")
         _check(len(self.chart.shift) == dims, "the basis and its chart differ in dimension")
         _check(self.radii.shape == (count,) and bool(np.all(self.radii > 0)), "radii must be positive")
         _check(self.radial.ndim == 2 and len(self.radial) == count, "radial coefficients have the wrong shape")

@@ -47,7 +47,7 @@ def opened(channel: Channel, *, resumed: bool = False) -> dict[str, Any]:
                 "style": adverb.style,
                 "goal": goal,
             }
-            for adverb, goal in zip(verb.adverbs, characters.asked[channel.slot].tolist(), strict=True)
+            for adverb, goal in zip(verb.adverbs, characters.goals[channel.slot].tolist(), strict=True)
         ],
         "joints": _named(skeleton.names, layout.joints.tolist()),
         "encoding": layout.encoding,

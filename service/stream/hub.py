@@ -221,7 +221,7 @@ class Hub:
             row = None
             if asked.adverbs is not None:
                 names = [adverb.name for adverb in characters.verb.adverbs]
-                now = dict(zip(names, characters.asked[slot].tolist(), strict=True))
+                now = dict(zip(names, characters.goals[slot].tolist(), strict=True))
                 row = characters.row({**now, **asked.adverbs})
             characters.set(
                 slot,
@@ -246,7 +246,7 @@ class Hub:
         characters = channel.group.characters
         if len(row) != len(characters.verb.adverbs) or not all(-MOST <= value <= MOST for value in row):
             characters.row(np.array(row, np.float64))  # which says what is wrong
-        characters.asked[channel.slot] = row
+        characters.goals[channel.slot] = row
 
     async def switch(self, session: Session, asked: Switch) -> None:
         """Pass to another verb."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from verbs.conventions import F32, F64, I64
-from verbs.kernels import character_state
+from verbs.kernels.character_state import PROGRESS, Records
 from verbs.kernels.compile import kernel
 from verbs.runtime.characters import Frames
 from verbs.runtime.evaluate import Blend
@@ -74,12 +75,11 @@ class Layout:
         )
 
     def numbers(self) -> tuple[int, int, int]:
-        """Encoding, space and frame as :func:`pack` wants them."""
+        """Encoding, space and frame as :func:`pack` takes them."""
         return ENCODINGS[self.encoding], int(self.space == "global"), FRAMES[self.frame]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Targets:
+class Targets(NamedTuple):
     """Where the records of B characters go, and how each is written.
 
     Parameters
@@ -103,7 +103,7 @@ class Targets:
 
     @classmethod
     def of(cls, layouts: Sequence[Layout], at: Sequence[int], heads: Sequence[int]) -> Targets:
-        """Gather what was said of each character."""
+        """Gather the targets of several characters."""
         return cls(
             np.array(at, np.int64),
             np.array(heads, np.uint32),
@@ -113,40 +113,44 @@ class Targets:
         )
 
     def part(self, first: int, stop: int) -> Targets:
-        """Those of some characters in a row; whatever is written to these is written to all."""
+        """Views of the targets of some adjacent characters."""
         rows = slice(first, stop)
         return Targets(self.at[rows], self.heads[rows], self.layouts[rows], self.starts[first : stop + 1], self.joints)
 
 
-def pack(frames: Frames, turns: F64, version: int, targets: Targets, words: U32) -> None:
+class _Frames(NamedTuple):
+    """Arrays of one frame of B characters; rotations are local and global."""
+
+    progress: Records
+    error: F64
+    clamped: Flags
+    in_transition: Flags
+    root: F64
+    local: F64
+    world: F64
+    weights: F64
+
+
+class _Words(NamedTuple):
+    """One buffer as words, floats and half words."""
+
+    words: U32
+    floats: F32
+    halves: U16
+
+
+def pack(frames: Frames, global_rotations: F64, version: int, targets: Targets, words: U32) -> None:
     """Write one record per character into ``words``.
 
-    ``turns`` (B, J, 4) are global rotations, or the local ones where nobody asks for global ones.
+    ``global_rotations`` are (B, J, 4); the local ones serve where no record has global ones.
     """
     blend = frames.blend
-    _pack(
-        frames.ends,
-        blend.error,
-        blend.clamped,
-        frames.in_transition,
-        frames.root,
-        frames.rotations,
-        turns,
+    flags = frames.in_transition
+    arrays = _Frames(
+        frames.progress, blend.error, blend.clamped, flags, frames.root, frames.rotations, global_rotations,
         blend.weights,
-        targets.at,
-        targets.heads,
-        version,
-        targets.layouts,
-        targets.starts,
-        targets.joints,
-        _SOURCE,
-        _SIGN,
-        _UNITS,
-        _DETERMINANT,
-        words,
-        words.view(np.float32),
-        words.view(np.uint16),
-    )
+    )  # fmt: skip
+    _pack(arrays, targets, version, _Words(words, words.view(np.float32), words.view(np.uint16)))
 
 
 def warm() -> None:
@@ -154,45 +158,27 @@ def warm() -> None:
     layout = Layout("q48", "local", "gltf", np.zeros(1, np.int64), 1)
     unit = np.array([[[0.0, 0.0, 0.0, 1.0]]])
     blend = Blend("", np.ones((1, 1)), np.zeros((1, 0)), np.zeros(1), np.zeros(1, np.bool_))
-    frames = Frames(blend, np.zeros((1, character_state.REPORTS)), np.zeros((1, 3)), unit, np.zeros(1, np.bool_))
+    frames = Frames(blend, np.zeros(1, PROGRESS), np.zeros((1, 3)), unit, np.zeros(1, np.bool_))
     pack(frames, unit, 1, Targets.of([layout], [0], [0]), np.zeros(layout.words, np.uint32))
 
 
 @kernel
-def _pack(
-    ends: F64,
-    error: F64,
-    clamped: Flags,
-    moving: Flags,
-    root: F64,
-    local: F64,
-    turned: F64,
-    weights: F64,
-    at: I64,
-    heads: U32,
-    version: int,
-    layouts: I64,
-    starts: I64,
-    joints: I64,
-    source: I64,
-    sign: F64,
-    units: F64,
-    determinant: F64,
-    words: U32,
-    floats: F32,
-    halves: U16,
-) -> None:
+def _pack(frames: _Frames, targets: Targets, version: int, buffer: _Words) -> None:
     """The loop of :func:`pack`."""
+    words, floats, halves = buffer.words, buffer.floats, buffer.halves
+    at, starts, joints, weights = targets.at, targets.starts, targets.joints, frames.weights
     for b in range(at.shape[0]):
         to = at[b]
         if to < 0:
             continue
-        encoding, space, frame = layouts[b, 0], layouts[b, 1], layouts[b, 2]
-        flags = (1 if clamped[b] else 0) | (2 if moving[b] else 0) | (8 if ends[b, character_state.ENDED] > 0.0 else 0)
-        words[to] = heads[b] | (encoding << 16) | (flags << 24)
+        encoding, space, frame = targets.layouts[b, 0], targets.layouts[b, 1], targets.layouts[b, 2]
+        step = frames.progress[b]
+        flags = (1 if frames.clamped[b] else 0) | (2 if frames.in_transition[b] else 0)
+        flags |= 8 if step["ended"] > 0.0 else 0
+        words[to] = targets.heads[b] | (encoding << 16) | (flags << 24)
         words[to + 1] = version
-        floats[to + 2], floats[to + 3] = ends[b, character_state.AT], ends[b, character_state.TIME]
-        floats[to + 4], floats[to + 5] = error[b], ends[b, character_state.DURATION]
+        floats[to + 2], floats[to + 3] = step["phase"], step["time_s"]
+        floats[to + 4], floats[to + 5] = frames.error[b], step["duration_s"]
         to += HEAD_WORDS
         if encoding == WEIGHTS:
             words[to] = weights.shape[1]
@@ -200,21 +186,21 @@ def _pack(
                 floats[to + 1 + i] = weights[b, i]
             continue
         for a in range(3):
-            floats[to + a] = units[frame] * sign[frame, a] * root[b, source[frame, a]]
+            floats[to + a] = _UNITS[frame] * _SIGN[frame, a] * frames.root[b, _SOURCE[frame, a]]
         to += 3
         first, last = starts[b], starts[b + 1]
-        rotations = turned if space == 1 else local
+        rotations = frames.world if space == 1 else frames.local
         if encoding == Q48 and (last - first) % 2:
             words[to + (3 * (last - first)) // 2] = 0
         for k in range(first, last):
             q = rotations[b, joints[k]]
-            x = determinant[frame] * sign[frame, 0] * q[source[frame, 0]]
-            y = determinant[frame] * sign[frame, 1] * q[source[frame, 1]]
-            z = determinant[frame] * sign[frame, 2] * q[source[frame, 2]]
+            x = _DETERMINANT[frame] * _SIGN[frame, 0] * q[_SOURCE[frame, 0]]
+            y = _DETERMINANT[frame] * _SIGN[frame, 1] * q[_SOURCE[frame, 1]]
+            z = _DETERMINANT[frame] * _SIGN[frame, 2] * q[_SOURCE[frame, 2]]
             w = q[3]
             if encoding == FULL:
-                place = to + 4 * (k - first)
-                floats[place], floats[place + 1], floats[place + 2], floats[place + 3] = x, y, z, w
+                word = to + 4 * (k - first)
+                floats[word], floats[word + 1], floats[word + 2], floats[word + 3] = x, y, z, w
             else:
                 _smallest_three(x, y, z, w, 2 * to + 3 * (k - first), halves)
 

@@ -33,4 +33,4 @@ class CharacterSampler:
                 step = -(-len(slots) // MAX_SAMPLES)
                 slots = slots[self._round % step :: step]
                 characters = group.characters
-                self._usage.record(group.entry, characters.asked[slots], characters.errors(slots), rows=len(slots))
+                self._usage.record(group.entry, characters.goals[slots], characters.errors(slots), rows=len(slots))

@@ -19,7 +19,6 @@ from service.stream.packing import HEADER_WORDS, U32, Targets, pack
 from service.stream.session import Channel, Session
 from service.wire import NEW_VERSION
 from verbs.conventions import F64, I64
-from verbs.kernels import character_state
 from verbs.kernels import pose as kernels
 from verbs.runtime.characters import Frames
 
@@ -254,12 +253,12 @@ def _turns(group: Group, frames: Frames) -> F64:
 def _tell(part: _Part, frames: Frames) -> None:
     """Say which keytimes passed and which motions ended; take back flags that are sent once."""
     verb = part.group.entry.verb
-    ends = frames.ends
-    for b in np.flatnonzero(ends[:, character_state.PASSED] + ends[:, character_state.ENDED]):
+    progress = frames.progress
+    for b in np.flatnonzero(progress["passed"] + progress["ended"]):
         channel = part.channels[b]
-        for name, phase in _passed(verb.keytime_names, verb.phases.tolist(), verb.looping, ends[b]):
+        for name, phase in _passed(verb.keytime_names, verb.phases.tolist(), verb.looping, progress[b]):
             channel.session.say({"op": "event", "channel": channel.number, "name": name, "phase": phase})
-        if ends[b, character_state.ENDED]:
+        if progress["ended"][b]:
             channel.session.say({"op": "end", "channel": channel.number})
     heads = part.targets.heads
     for b in np.flatnonzero(heads >> 24):
@@ -267,9 +266,9 @@ def _tell(part: _Part, frames: Frames) -> None:
         heads[b] = part.channels[b].head()
 
 
-def _passed(names: tuple[str, ...], phases: list[float], looping: bool, end: F64) -> Iterator[tuple[str, float]]:
+def _passed(names: tuple[str, ...], phases: list[float], looping: bool, step: np.void) -> Iterator[tuple[str, float]]:
     """Keytimes between the two ends of a step, in the order in which they passed; at most two cycles of them."""
-    start, stop = float(end[character_state.FROM]), float(end[character_state.TO])
+    start, stop = float(step["start"]), float(step["stop"])
     marks = list(zip(names, phases, strict=True))[: -1 if looping else None]
     low, high = min(start, stop), max(start, stop)
     first = int(np.floor(low + _MARGIN))

@@ -14,8 +14,8 @@ from verbs.domain import accuracy_points, random_points
 from verbs.errors import OutOfRange, RequestError, UnknownName
 from verbs.goal import Goal, diagonal
 from verbs.io import artifact
-from verbs.kernels import center_lists
 from verbs.kernels import measure as measures
+from verbs.kernels import radial_basis
 from verbs.refine import Mark, Rules, Step, refine, resume, with_basis
 from verbs.verb import Basis, Verb
 
@@ -35,7 +35,7 @@ def load(name: str) -> Verb:
 def percent(verb: Verb, weights, adverbs) -> tuple[float, float]:
     """Mean and largest error, % of the diagonal."""
     goal = Goal.of_verb(verb)
-    error = 100 * goal.compare(adverbs, goal.reached(weights))[1] / diagonal(verb)
+    error = 100 * goal.compare(adverbs, goal.measured(weights))[1] / diagonal(verb)
     return error.mean(), error.max()
 
 
@@ -46,9 +46,7 @@ def same(first: Basis, second: Basis) -> bool:
 
 
 def system(basis: Basis):
-    out = np.empty((len(basis.centers), len(basis.centers)))
-    center_lists.radial_matrix(basis.kernel, basis.centers, basis.centers, basis.radii, out)
-    return out
+    return radial_basis.radial_matrix(basis.radial_basis, basis.centers, basis.centers, basis.radii)
 
 
 # methods.md §1.1, table A9: average and maximum over the 41×41 grid, in % of the diagonal
@@ -123,7 +121,7 @@ def test_weights_are_exact_at_all_centers(name, changes):
     weights = basis_weights(basis, places)
     assert np.allclose(weights, [one.weights for one in drawn], atol=1e-11)
     assert np.allclose(weights.sum(axis=1), 1.0, atol=1e-11)
-    assert goal.compare(places, goal.reached(weights))[1].max() / diagonal(verb) <= 1.1e-6
+    assert goal.compare(places, goal.measured(weights))[1].max() / diagonal(verb) <= 1.1e-6
 
 
 def test_pseudo_example_is_the_blend_at_its_source():
@@ -135,7 +133,7 @@ def test_first_pseudo_example_is_at_the_worst_point():
     verb, first = load("arm3"), steps("arm3", 100)[1]
     points = accuracy_points(verb).adverbs
     goal = Goal.of_verb(verb)
-    error = goal.compare(points, goal.reached(basis_weights(verb.bases["rbf"], points)))[1]
+    error = goal.compare(points, goal.measured(basis_weights(verb.bases["rbf"], points)))[1]
     assert np.array_equal(first.drawn.place, points[np.argmax(error)])
     assert first.before.largest == pytest.approx(error.max() / diagonal(verb), rel=1e-12)
 
@@ -232,7 +230,7 @@ def test_real_captures_are_refined(name, verb_of):
     assert taken[-1].after.mean < 0.9 * taken[0].after.mean
     places = np.array([step.drawn.place for step in taken[1:]])
     goal = Goal.of_verb(verb)
-    error = goal.compare(places, goal.reached(basis_weights(taken[-1].basis, places)))[1]
+    error = goal.compare(places, goal.measured(basis_weights(taken[-1].basis, places)))[1]
     assert error.max() < 1e-5
 
 

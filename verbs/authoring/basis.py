@@ -84,7 +84,7 @@ def cardinal(
     chart: Chart,
     values: F64,
     *,
-    kernel: int = radial_basis.BSPLINE,
+    function: int = radial_basis.BSPLINE,
     degree: int = 1,
     radii: F64 | None = None,
     names: tuple[str, ...] = (),
@@ -111,26 +111,16 @@ def cardinal(
             f"examples '{pair[0]}' and '{pair[1]}' have the same adverbs; leave one out, or tell them apart"
         )
     sizes = nearest.min(axis=1) if radii is None else radii
-    system = np.array(
-        [[radial_basis.phi(kernel, distances[a, c] / sizes[c]) for c in range(count)] for a in range(count)]
-    )
-    powers = polynomial(points, degree)
+    system = radial_basis.radial_matrix(function, points, points, sizes)
+    powers = radial_basis.polynomial_matrix(points, degree)
     poly = np.asarray(np.linalg.lstsq(powers, np.eye(count), rcond=None)[0], np.float64)
     try:
         radial = np.linalg.solve(system, np.eye(count) - powers @ poly)
     except LinAlgError as err:
         raise IllPosedVerb("the radial system is singular; examples lie too close to each other") from err
-    return Basis(chart, kernel, degree, points, sizes, radial, poly, float(np.linalg.cond(system)))
-
-
-def polynomial(points: F64, degree: int) -> F64:
-    """Polynomial features (N, L) of points (N, D)."""
-    row = np.empty(1 + points.shape[1] * (points.shape[1] + 3) // 2)
-    length = radial_basis.features(points[0], degree, row)
-    out = np.empty((len(points), length))
-    for k, point in enumerate(points):
-        radial_basis.features(np.ascontiguousarray(point), degree, out[k])
-    return out
+    return Basis(
+        chart, function, degree, points, sizes, np.asarray(radial, np.float64), poly, float(np.linalg.cond(system))
+    )
 
 
 def smooth(chart: Chart, values: F64, *, share: float = SMOOTH_SHARE, names: tuple[str, ...] = ()) -> Basis:
@@ -148,8 +138,8 @@ def smooth(chart: Chart, values: F64, *, share: float = SMOOTH_SHARE, names: tup
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
     nearest = np.where(np.eye(count, dtype=bool), np.inf, distances).min(axis=1)
     radii = np.full(count, share * np.median(nearest))
-    radial = np.array([[radial_basis.phi(radial_basis.MULTIQUADRIC, d / radii[0]) for d in row] for row in distances])
-    powers = polynomial(points, 1)
+    radial = radial_basis.radial_matrix(radial_basis.MULTIQUADRIC, points, points, radii)
+    powers = radial_basis.polynomial_matrix(points, 1)
     width = powers.shape[1]
     system = np.block([[radial, powers], [powers.T, np.zeros((width, width))]])
     right = np.concatenate([np.eye(count), np.zeros((width, count))])

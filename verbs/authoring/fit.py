@@ -306,7 +306,7 @@ def _measured_values(draft: Verb, stored: F64) -> tuple[F64, list[str], str]:
     goal = Goal.of_verb(draft)
     if not goal.measurable:
         return stored, [], ""
-    reached = goal.reached(np.eye(len(stored)))
+    reached = goal.measured(np.eye(len(stored)))
     values = stored.copy()
     values[:, draft.measure.axes], gaps = goal.compare(stored, reached)
     lines = []

@@ -15,28 +15,14 @@ __all__ = ["Rbf", "basis_weights"]
 
 def basis_weights(basis: Basis, adverbs: F64) -> F64:
     """Weights (B, N) of a basis at adverbs (B, D) inside the domain."""
-    chart, out = basis.chart, np.empty((len(adverbs), basis.radial.shape[1]))
-    kernels.cardinal(
-        adverbs,
-        chart.kind,
-        chart.axes,
-        chart.bend,
-        chart.shift,
-        chart.scale,
-        basis.kernel,
-        basis.degree,
-        basis.centers,
-        basis.radii,
-        basis.radial,
-        basis.poly,
-        out,
-    )
+    out = np.empty((len(adverbs), basis.radial.shape[1]))
+    kernels.cardinal(adverbs, basis.arrays, out)
     return out
 
 
 @dataclass(frozen=True, slots=True)
 class Rbf:
-    """The cardinal basis as it stands: exact at the examples, smooth, and off in between."""
+    """The cardinal basis alone: exact at the examples, smooth, and inexact in between."""
 
     basis: Basis
 

@@ -22,6 +22,7 @@ from verbs.goal import Goal
 from verbs.kernels import inverse as kernels
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
+from verbs.kernels.timewarp import Clock
 from verbs.verb import Measure, Verb
 
 __all__ = ["Constraint", "Inverse"]
@@ -122,7 +123,7 @@ class Inverse:
         points = [c for c in constraints if c.kind != "goal" or kind in (measures.POSITION, measures.VELOCITY)]
         goals = [goal if c.kind == "goal" else _joint_goal(verb, c) for c in points]
         count = len(verb.examples)
-        examples = np.array([one.reached(np.eye(count)) for one in goals]).reshape(-1, count, 3)
+        examples = np.array([one.measured(np.eye(count)) for one in goals]).reshape(-1, count, 3)
         fixed = np.array([c.target if c.kind != "goal" else (np.nan,) * 3 for c in points]).reshape(-1, 3)
         problem = _problem(verb, points, goals, *_means(goal, asked, leaps, unmeasured))
         spread = np.concatenate([(examples.std(axis=1) ** 2).sum(axis=1), problem.values.std(axis=1) ** 2])
@@ -195,7 +196,7 @@ def _balance(goal: Goal, adverb: int) -> float:
 def _means(goal: Goal, asked: list[Constraint], leaps: bool, unmeasured: tuple[int, ...]) -> tuple[F64, F64]:
     """Values (V, N) whose means the goal asks for, and their shares (V,) in the sum."""
     verb, count = goal.verb, len(goal.verb.examples)
-    covered = goal.reached(np.eye(count)).T if leaps else np.zeros((0, count))
+    covered = goal.measured(np.eye(count)).T if leaps else np.zeros((0, count))
     balance = np.array([1.0] * len(covered) + [_balance(goal, adverb) for adverb in unmeasured])
     weight = asked[0].priority * asked[0].scale if asked else 0.0
     return np.concatenate([covered, verb.values[:, unmeasured].T]), weight * balance
@@ -205,8 +206,8 @@ def _problem(verb: Verb, points: list[Constraint], goals: list[Goal], values: F6
     """Everything that the kernel needs; all arrays are copies in C order, so that it is compiled once."""
     count = len(verb.examples)
     chained = [one for one in goals if one.verb.measure.kind == measures.POSITION]
-    ends = np.cumsum([0, *(len(one.references) if one in chained else 0 for one in goals)])
-    roots = [one.starts if one in chained else np.zeros((3, count)) for one in goals]
+    ends = np.cumsum([0, *(len(one.chain.references) if one in chained else 0 for one in goals)])
+    roots = [one.chain.roots if one in chained else np.zeros((3, count)) for one in goals]
     weighed = np.array([c.priority * c.scale for c in points])
     return kernels.Problem(
         mode=verb.rotation_mode,
@@ -215,12 +216,11 @@ def _problem(verb: Verb, points: list[Constraint], goals: list[Goal], values: F6
         radii=np.array([c.distance_m if c.kind == "distance" else -1.0 for c in points], np.float64),
         spans=np.array([ends[:-1], ends[1:]], np.int64).T.copy(order="C"),
         roots=np.concatenate([np.zeros((0, count)), *roots]),
-        rows=np.concatenate([np.zeros((0, count)), *(one.chain for one in chained)]),
-        references=np.concatenate([np.zeros((0, 4)), *(one.references for one in chained)]),
-        offsets=np.concatenate([np.zeros((0, 3)), *(one.offsets for one in chained)]),
+        rows=np.concatenate([np.zeros((0, count)), *(one.chain.rows for one in chained)]),
+        references=np.concatenate([np.zeros((0, 4)), *(one.chain.references for one in chained)]),
+        offsets=np.concatenate([np.zeros((0, 3)), *(one.chain.offsets for one in chained)]),
         strides=verb.strides.copy(order="C"),
-        phases=verb.phases.copy(order="C"),
-        log_lengths=np.log(np.diff(verb.keytimes, axis=1)),
+        clock=Clock(verb.phases.copy(order="C"), np.log(np.diff(verb.keytimes, axis=1)), True),
         values=values.copy(order="C"),
     )
 

@@ -111,5 +111,5 @@ def _measured(verb: Verb, members: I64, shares: F64) -> F64:
         part = slice(start, start + _CHUNK)
         rows = weights[: len(members[part])]
         kernels.expand(members[part], shares[part], rows)
-        adverbs[part, verb.measure.axes] = goal.compare(adverbs[part], goal.reached(rows))[0]
+        adverbs[part, verb.measure.axes] = goal.compare(adverbs[part], goal.measured(rows))[0]
     return adverbs

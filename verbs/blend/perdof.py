@@ -72,14 +72,8 @@ def _solve(basis: Basis, examples: F64) -> Basis:
 
 def _matrices(basis: Basis) -> tuple[F64, F64]:
     """Polynomial features (N, L) and radial values (N, N) of the examples at each other."""
-    count = len(basis.centers)
-    powers, system = np.empty((count, len(basis.poly))), np.empty((count, count))
-    distances = np.linalg.norm(basis.centers[:, None] - basis.centers[None], axis=-1)
-    for i in range(count):
-        radial_basis.features(basis.centers[i], basis.degree, powers[i])
-        for j in range(count):
-            system[i, j] = radial_basis.phi(basis.kernel, distances[i, j] / basis.radii[j])
-    return powers, system
+    system = radial_basis.radial_matrix(basis.radial_basis, basis.centers, basis.centers, basis.radii)
+    return radial_basis.polynomial_matrix(basis.centers, basis.degree), system
 
 
 def _fit(powers: F64, system: F64, examples: F64) -> tuple[F64, F64]:

@@ -15,6 +15,7 @@ from verbs.conventions import F64
 from verbs.errors import RequestError
 from verbs.goal import Goal
 from verbs.kernels import center_lists as kernels
+from verbs.kernels.radial_basis import COMPACT
 from verbs.verb import Basis, Verb
 
 __all__ = ["CROSSOVER", "Hybrid", "Refined"]
@@ -45,7 +46,7 @@ class Refined:
     @classmethod
     def of_basis(cls, basis: Basis) -> Refined:
         """Prepare any basis."""
-        listed = len(basis.centers) >= CROSSOVER and basis.kernel in kernels.COMPACT
+        listed = len(basis.centers) >= CROSSOVER and basis.radial_basis in COMPACT
         return cls(basis, kernels.grid(basis.centers, basis.radii) if listed else None)
 
     def weights(self, adverbs: F64) -> F64:
@@ -53,11 +54,8 @@ class Refined:
         basis, lists = self.basis, self.lists
         if lists is None:
             return basis_weights(basis, adverbs)
-        chart, out = basis.chart, np.empty((len(adverbs), basis.radial.shape[1]))
-        kernels.cardinal(
-            adverbs, chart.kind, chart.axes, chart.bend, chart.shift, chart.scale, basis.kernel, basis.degree,
-            basis.centers, basis.radii, basis.radial, basis.poly, *lists, out,
-        )  # fmt: skip
+        out = np.empty((len(adverbs), basis.radial.shape[1]))
+        kernels.cardinal(adverbs, basis.arrays, lists, out)
         return out
 
 

@@ -65,7 +65,7 @@ class Search:
         if not self.goal.measurable:
             return places
         for _ in range(self.iterations):
-            reached = self.goal.reached(basis_weights(self.basis, places))
+            reached = self.goal.measured(basis_weights(self.basis, places))
             away = self._coordinates(self.goal.compare(adverbs, reached)[0])
             direction = self._coordinates(adverbs[:, self.goal.verb.measure.axes]) - away
             self._follow(adverbs, places, direction)
@@ -79,7 +79,7 @@ class Search:
 
         def errors(lengths: F64) -> F64:
             trial[:, axes] = self._adverbs(start + lengths[:, None] * direction)
-            return self.goal.compare(adverbs, self.goal.reached(basis_weights(self.basis, trial)))[1]
+            return self.goal.compare(adverbs, self.goal.measured(basis_weights(self.basis, trial)))[1]
 
         scan = np.linspace(0.0, REACH, SCANNED + 1)
         table = np.array([errors(np.full(len(places), length)) for length in scan])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from verbs.authoring.basis import cardinal, chart_of, polynomial
+from verbs.authoring.basis import cardinal, chart_of
 from verbs.conventions import F64
 from verbs.figures import canvas
 from verbs.kernels import radial_basis
@@ -25,9 +25,9 @@ _STYLES = ("-", "--", "-.")
 def parts(basis: Basis, adverbs: F64) -> tuple[F64, F64]:
     """Linear parts (B, N), and radial parts (B, C, N) of each example's basis by center, at adverbs (B, 1)."""
     points = basis.chart.points(adverbs)
-    apart = np.linalg.norm(points[:, None] - basis.centers[None], axis=-1) / basis.radii
-    bumps = np.array([[radial_basis.phi(basis.kernel, distance) for distance in row] for row in apart])
-    return polynomial(points, basis.degree) @ basis.poly, bumps[:, :, None] * basis.radial[None]
+    bumps = radial_basis.radial_matrix(basis.radial_basis, points, basis.centers, basis.radii)
+    linear = radial_basis.polynomial_matrix(points, basis.degree) @ basis.poly
+    return linear, bumps[:, :, None] * basis.radial[None]
 
 
 def draw_cardinal(path: Path) -> Path:

@@ -119,7 +119,7 @@ def _on_board(one: Refinement, adverbs: F64, pseudo: int, searches: int) -> tupl
     weights = weights_of(one, flat, pseudo, searches)
     left, up = one.verb.measure.frame.T
     axes = np.stack([left, up, np.cross(left, up)], axis=1)  # off the board is away from the writer
-    places = (goal.reached(weights) - one.verb.measure.origin) @ axes
+    places = (goal.measured(weights) - one.verb.measure.origin) @ axes
     return places.reshape(*adverbs.shape[:-1], 3), errors(one.verb, weights, flat).reshape(adverbs.shape[:-1])
 
 
@@ -193,7 +193,7 @@ def _warped_plane(axes: Any, one: Refinement, pseudo: int) -> None:
     flat = section.adverbs.reshape(-1, 3)
     weights = weights_of(one, flat, pseudo, 0)
     goal = Goal.of_verb(verb)
-    reached = goal.compare(flat, goal.reached(weights))[0].reshape(section.adverbs.shape)
+    reached = goal.compare(flat, goal.measured(weights))[0].reshape(section.adverbs.shape)
     for grid, colour, width, label in (
         (section.adverbs, "0.7", 0.7, "asked"),
         (reached, _REACHED, 0.9, "reached"),

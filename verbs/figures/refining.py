@@ -90,7 +90,7 @@ def refinement(verb: Verb, *, quick: bool, progress: Progress) -> Refinement:
 def errors(verb: Verb, weights: F64, adverbs: F64) -> F64:
     """Error (B,), in % of the diagonal, of weights (B, N) at adverbs (B, D)."""
     goal = Goal.of_verb(verb)
-    return np.asarray(100 * goal.compare(adverbs, goal.reached(weights))[1] / diagonal(verb))
+    return np.asarray(100 * goal.compare(adverbs, goal.measured(weights))[1] / diagonal(verb))
 
 
 def weights_of(one: Refinement, adverbs: F64, pseudo: int, searches: int) -> F64:

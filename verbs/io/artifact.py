@@ -105,7 +105,7 @@ def _facts(verb: Verb) -> dict[str, Any]:
         "bases": {
             name: {
                 "chart": basis.chart.kind,
-                "kernel": basis.kernel,
+                "kernel": basis.radial_basis,
                 "degree": basis.degree,
                 "condition": basis.condition,
             }
@@ -215,7 +215,7 @@ def _basis(arrays: Arrays, name: str, facts: dict[str, Any]) -> Basis:
     prefix = f"bases.{name}"
     return Basis(
         chart=_chart(arrays, prefix, facts["chart"]),
-        kernel=facts["kernel"],
+        radial_basis=facts["kernel"],
         degree=facts["degree"],
         condition=facts["condition"],
         **{key: arrays[f"{prefix}.{key}"] for key in ("centers", "radii", "radial", "poly")},

@@ -1,90 +1,128 @@
-"""Characters in motion, a row of state each: goals that are run after, phases that go on.
+"""State of moving characters, one record each: critically damped goals, advancing phases, the follow window.
 
-``state`` is (C, :data:`COLUMNS`) float64, one row per character; ``slots`` (B,) are the rows of a batch. Rows of
-``ends`` are written for whoever asked for the batch.
+``state`` is (C,) of :data:`CHARACTER`, one record per character; ``slots`` (B,) are the rows of a batch. ``progress``
+(B,) of :data:`PROGRESS` is written for the caller of the batch.
 
 Source: ``docs/math.md``, section "Live characters".
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from verbs.conventions import F32, F64, I64
-from verbs.kernels import correction, timewarp
+from verbs.kernels import timewarp
 from verbs.kernels.compile import kernel
+from verbs.kernels.corrected_position import Chain, correct_positions, effector_positions
+from verbs.kernels.correction import Correction
 from verbs.kernels.pose import spline_taps, stride_to
+from verbs.kernels.timewarp import Clock
 
 __all__ = [
-    "COLUMNS",
-    "DECAY",
-    "ENDED",
-    "FOLLOWS",
-    "FRESH",
-    "FROM",
-    "HEADING",
-    "LENGTH",
-    "LOOP",
-    "PASSED",
-    "PHASE",
-    "PLAYING",
-    "REPORTS",
-    "RESTARTED",
-    "SHARE",
-    "SINCE",
-    "SPEED",
-    "STEP",
-    "TO",
-    "X",
-    "Z",
+    "CHARACTER",
+    "PROGRESS",
+    "FollowProblem",
+    "Records",
     "advance",
-    "any_held",
-    "goals_at",
-    "hold",
+    "any_following",
+    "chain_at",
+    "follow",
     "steer",
     "walk",
 ]
 
-(PHASE, SPEED, PLAYING, LOOP, FRESH, DECAY, FOLLOWS, SHARE, X, Z, HEADING, SINCE, LENGTH, STEP) = range(14)
-"""Columns of ``state``: canonical time; speed; whether it plays; whether it loops; 1 before the first frame, which
-shows it where it is, 2 where that frame is a step on already, 0 afterwards; the goal's decay (1/s, 0 follows at once);
-whether a held pose follows its goal, and how far it does (0 to 1); the root's place (m, m, rad); seconds since a
-transition began, and its length (0: none); seconds between the last two frames."""
-COLUMNS = 14
+Records = npt.NDArray[np.void]
 
-(AT, TIME, DURATION, FROM, TO, PASSED, ENDED, RESTARTED) = range(8)
-"""Columns of ``ends`` that :func:`advance` writes: phase, seconds, seconds of the whole; the phases between which it
-went on, unwrapped; whether keytimes passed; whether an end was reached, or reached and started over."""
-REPORTS = 8
+CHARACTER = np.dtype(
+    [
+        ("phase", "f8"),  # canonical time
+        ("speed", "f8"),
+        ("playing", "f8"),  # 0 or 1, like the other flags
+        ("looping", "f8"),
+        ("fresh", "f8"),  # 1 before the first frame, which is at the phase; 2 where it is a step on; else 0
+        ("decay", "f8"),  # of the distance to the goal, 1/s; 0 follows at once
+        ("following", "f8"),  # whether a paused pose follows its goal
+        ("share", "f8"),  # how far it does, 0 to 1
+        ("x", "f8"),  # position of the root on the ground, metres
+        ("z", "f8"),
+        ("heading", "f8"),  # rad
+        ("since_s", "f8"),  # since the transition began
+        ("transition_s", "f8"),  # length of the transition; 0 without one
+        ("step_s", "f8"),  # between the last two frames
+    ]
+)
+"""State of a character."""
+
+PROGRESS = np.dtype(
+    [
+        ("phase", "f8"),
+        ("time_s", "f8"),
+        ("duration_s", "f8"),  # of the whole motion or cycle
+        ("start", "f8"),  # unwrapped phases between which the step went
+        ("stop", "f8"),
+        ("passed", "f8"),  # whether keytimes passed
+        ("ended", "f8"),  # whether an end was reached
+        ("restarted", "f8"),  # whether an end was reached and the motion started over
+    ]
+)
+"""What one step did to a character; see :func:`advance`."""
 
 FADE_S = 0.2
-"""Seconds in which a held pose turns to its goal, or away from it."""
+"""Seconds in which a paused pose moves to its goal, or away from it."""
 
-SETTLED = 1e-8
-"""Distance and velocity, in chart units, at which a goal counts as reached: far below what anybody can see."""
+REACHED = 1e-8
+"""Distance and velocity, in chart units, at which a goal counts as reached; far below what is visible."""
+
+
+class FollowProblem(NamedTuple):
+    """What following a goal in the follow window needs; the chain is that of the phase.
+
+    Parameters
+    ----------
+    start, stop : float
+        Phases of the window.
+    curves : (K + 3, N, 4 + 4·J) float32
+    joints : (L,) int64
+        Joints of the chain.
+    correction : Correction
+    mode : int
+    references, offsets : (L, 4), (L, 3) float64
+    """
+
+    start: float
+    stop: float
+    curves: F32
+    joints: I64
+    correction: Correction
+    mode: int
+    references: F64
+    offsets: F64
 
 
 @kernel
 def steer(
-    slots: I64, step_s: float, state: F64, goals: F64, shown: F64, velocities: F64, known: I64, out: F64, moved: I64
+    slots: I64, step_s: float, state: Records, goals: F64, shown: F64, velocities: F64, known: I64, out: F64, moved: I64
 ) -> int:
-    """Move what is shown toward the goals, critically damped and exact for any step; ``out`` (B, D) is the result.
+    """Move displayed points toward goals, critically damped and exact for any step; ``out`` (B, D) is the result.
 
-    ``goals`` are (B, D), ``shown`` and ``velocities`` (C, D), in coordinates in which the domain is convex. Return how
-    many are written to ``moved`` (B,): those that are elsewhere than in their last frame, or whose ``known`` (C,) is 0;
-    it becomes 1.
+    ``goals`` are (B, D), ``shown`` and ``velocities`` (C, D), in coordinates in which the domain is convex. ``moved``
+    (B,) lists the rows that differ from their last frame, and those whose ``known`` (C,) is 0, which becomes 1; their
+    number is returned.
     """
     count = 0
     for b in range(slots.shape[0]):
         s = slots[b]
-        rate = state[s, DECAY]
+        rate = state[s]["decay"]
         fall = np.exp(-rate * step_s)
         still = known[s] == 1
         for a in range(goals.shape[1]):
             away = shown[s, a] - goals[b, a]
             still = still and away == 0.0 and velocities[s, a] == 0.0
             pull = velocities[s, a] + rate * away
-            if rate <= 0.0 or (abs(away) < SETTLED and abs(velocities[s, a]) < SETTLED):
+            if rate <= 0.0 or (abs(away) < REACHED and abs(velocities[s, a]) < REACHED):
                 shown[s, a] = goals[b, a]
                 velocities[s, a] = 0.0
             else:
@@ -108,141 +146,125 @@ def _passes(phases: F64, start: float, stop: float) -> float:
 
 
 @kernel
-def advance(
-    slots: I64, step_s: float, state: F64, weights: F64, log_lengths: F64, phases: F64, looping: bool, ends: F64
-) -> None:
-    """Let phases go on by one step at the weights (B, N) of this frame; write ``ends`` (B, REPORTS).
-
-    Seconds per phase are those of ``timewarp``.
-    """
-    count = phases.shape[0]
-    keytimes, tangents = np.empty(count), np.empty(count)
+def advance(slots: I64, step_s: float, state: Records, weights: F64, clock: Clock, progress: Records) -> None:
+    """Advance phases by one step at the weights (B, N) of this frame, and write ``progress`` (B,)."""
+    phases = clock.phases
+    keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     for b in range(slots.shape[0]):
-        row, end = state[slots[b]], ends[b]
-        timewarp.blend_keytimes(weights[b], log_lengths, keytimes)
-        timewarp.slopes(phases, keytimes, looping, tangents)
-        duration = keytimes[count - 1]
-        start = row[PHASE]
-        gone = 0.0 if row[FRESH] == 1.0 else row[PLAYING] * row[SPEED] * step_s
+        row, end = state[slots[b]], progress[b]
+        duration = timewarp.warp(weights[b], clock, keytimes, tangents)
+        start = row["phase"]
+        gone = 0.0 if row["fresh"] == 1.0 else row["playing"] * row["speed"] * step_s
         seconds = timewarp.time_at(phases, keytimes, tangents, start) + gone
-        cycles, end[ENDED], end[RESTARTED] = 0.0, 0.0, 0.0
-        if row[LOOP] > 0.0 and gone != 0.0:
+        cycles, end["ended"], end["restarted"] = 0.0, 0.0, 0.0
+        if row["looping"] > 0.0 and gone != 0.0:
             cycles = np.floor(seconds / duration)
             seconds -= cycles * duration
-            end[RESTARTED] = 1.0 if cycles != 0.0 and not looping else 0.0
+            end["restarted"] = 1.0 if cycles != 0.0 and not clock.looping else 0.0
         elif (gone > 0.0 and seconds >= duration) or (gone < 0.0 and seconds <= 0.0):
-            end[ENDED] = 1.0
-            row[PLAYING] = 0.0
+            end["ended"] = 1.0
+            row["playing"] = 0.0
         seconds = min(max(seconds, 0.0), duration)
         if gone != 0.0:
-            row[PHASE] = timewarp.phase_at(phases, keytimes, tangents, seconds)
-            if row[LOOP] > 0.0 and looping and row[PHASE] >= 1.0:
-                row[PHASE], seconds = 0.0, 0.0
+            row["phase"] = timewarp.phase_at(phases, keytimes, tangents, seconds)
+            if row["looping"] > 0.0 and clock.looping and row["phase"] >= 1.0:
+                row["phase"], seconds = 0.0, 0.0
                 cycles += 1.0
-        end[AT], end[TIME], end[DURATION] = row[PHASE], seconds, duration
+        end["phase"], end["time_s"], end["duration_s"] = row["phase"], seconds, duration
         # A keytime right where a character appears counts as passed.
         behind = 0.0
-        if row[FRESH] > 0.0 and row[PLAYING] > 0.0:
-            behind = 1e-9 if row[SPEED] >= 0.0 else -1e-9
-        end[FROM], end[TO] = start - behind, row[PHASE] + cycles
-        end[PASSED] = 1.0 if behind != 0.0 else _passes(phases, end[FROM], end[TO])
+        if row["fresh"] > 0.0 and row["playing"] > 0.0:
+            behind = 1e-9 if row["speed"] >= 0.0 else -1e-9
+        end["start"], end["stop"] = start - behind, row["phase"] + cycles
+        end["passed"] = 1.0 if behind != 0.0 else _passes(phases, end["start"], end["stop"])
 
 
 @kernel
-def walk(slots: I64, state: F64, weights: F64, strides: F64, ends: F64) -> None:
+def walk(slots: I64, state: Records, weights: F64, strides: F64, progress: Records) -> None:
     """Move the roots of a striding verb as far as :func:`advance` went, backwards too."""
     gone = np.empty(3)
     for b in range(slots.shape[0]):
-        row, start, stop = state[slots[b]], ends[b, FROM], ends[b, TO]
+        row, start, stop = state[slots[b]], progress[b]["start"], progress[b]["stop"]
         if abs(stop - start) < 2e-9:
             continue
         low, high = min(start, stop), max(start, stop)
         shift = 1.0 - np.floor(low)  # strides wrap round, but never below phase 0
         gone[:] = 0.0
         stride_to(weights[b], strides, low + shift, high + shift, True, gone)
-        if stop < start:  # the way back: what leads from there to here, undone
+        if stop < start:  # backwards: the inverse of the steps from there to here
             cosine, sine = np.cos(gone[2]), np.sin(gone[2])
             x, z = gone[0], gone[1]
             gone[0], gone[1], gone[2] = -(x * cosine - z * sine), -(x * sine + z * cosine), -gone[2]
-        cosine, sine = np.cos(row[HEADING]), np.sin(row[HEADING])
-        row[X] += gone[0] * cosine + gone[1] * sine
-        row[Z] += -gone[0] * sine + gone[1] * cosine
-        row[HEADING] = (row[HEADING] + gone[2] + np.pi) % (2.0 * np.pi) - np.pi
+        cosine, sine = np.cos(row["heading"]), np.sin(row["heading"])
+        row["x"] += gone[0] * cosine + gone[1] * sine
+        row["z"] += -gone[0] * sine + gone[1] * cosine
+        row["heading"] = (row["heading"] + gone[2] + np.pi) % (2.0 * np.pi) - np.pi
 
 
 @kernel
-def any_held(slots: I64, state: F64) -> bool:
-    """Whether :func:`hold` has anything to do."""
+def any_following(slots: I64, state: Records) -> bool:
+    """Whether :func:`follow` has any work."""
     for b in range(slots.shape[0]):
         row = state[slots[b]]
-        if row[SHARE] > 0.0 or (row[FOLLOWS] > 0.0 and row[PLAYING] * row[SPEED] == 0.0):
+        if row["share"] > 0.0 or (row["following"] > 0.0 and row["playing"] * row["speed"] == 0.0):
             return True
     return False
 
 
 @kernel
-def goals_at(phase: float, curves: F32, chain: I64, starts: F64, rows: F64) -> None:
-    """Every example's root (3, N) and chain of rotation rows (4·L, N) at any phase, as correction wants them."""
+def chain_at(phase: float, curves: F32, joints: I64, roots: F64, rows: F64) -> None:
+    """Every example's root (3, N) and rotation rows (4·L, N) of a chain of joints (L,) at any phase."""
     taps = np.empty(4)
     first = spline_taps(phase, curves.shape[0] - 3, taps)
-    starts[:] = 0.0
+    roots[:] = 0.0
     rows[:] = 0.0
     for tap in range(4):
         for i in range(curves.shape[1]):
             source = curves[first + tap, i]
             for a in range(3):
-                starts[a, i] += taps[tap] * source[a]
-            for link in range(chain.shape[0]):
+                roots[a, i] += taps[tap] * source[a]
+            for link in range(joints.shape[0]):
                 for a in range(4):
-                    rows[4 * link + a, i] += taps[tap] * source[4 + 4 * chain[link] + a]
+                    rows[4 * link + a, i] += taps[tap] * source[4 + 4 * joints[link] + a]
 
 
 @kernel
-def hold(
+def follow(
     slots: I64,
     step_s: float,
-    state: F64,
-    window: F64,
-    goals: F64,
-    asked: F64,
+    state: Records,
+    targets: tuple[F64, F64],
     weights: F64,
     error: F64,
-    curves: F32,
-    chain: I64,
-    held: F64,
-    units: F64,
-    rules: F64,
-    mode: int,
-    references: F64,
-    offsets: F64,
+    problem: FollowProblem,
 ) -> None:
-    """Where a character is held within the follow window, correct its weights at that very phase.
+    """Where a character is paused within the follow window, correct its weights (B, N) at that phase.
 
-    ``goals`` (B, 3) are effector positions inside the domain, ``asked`` (B, 3) those that were asked for; the
-    distance to these becomes the error (B,). Elsewhere weights and errors stay, after a fade; what plays on out of the
-    window fades from its edge, as weights beyond it would be huge.
+    ``targets`` are effector positions (B, 3) inside the domain, and as requested; the distance to the latter becomes
+    the error (B,). Elsewhere weights and errors stay, after a fade. A motion that plays on past the window fades from
+    its edge, as weights beyond it would be huge.
     """
+    goals, requested = targets
     count = weights.shape[1]
-    starts, rows = np.empty((3, count)), np.empty((4 * chain.shape[0], count))
-    turned, place = np.empty((1, count)), np.empty((1, 3))
+    roots, rows = np.empty((3, count)), np.empty((4 * problem.joints.shape[0], count))
+    chain = Chain(problem.mode, roots, rows, problem.references, problem.offsets)
+    corrected, point = np.empty((1, count)), np.empty((1, 3))
     for b in range(slots.shape[0]):
         row = state[slots[b]]
-        still = row[PLAYING] * row[SPEED] == 0.0
-        inside = row[FOLLOWS] > 0.0 and still and window[0] <= row[PHASE] <= window[1]
-        move = 1.0 if row[FRESH] > 0.0 else step_s / FADE_S
-        row[SHARE] = min(row[SHARE] + move, 1.0) if inside else max(row[SHARE] - move, 0.0)
-        if row[SHARE] == 0.0:
+        paused = row["playing"] * row["speed"] == 0.0
+        inside = row["following"] > 0.0 and paused and problem.start <= row["phase"] <= problem.stop
+        move = 1.0 if row["fresh"] > 0.0 else step_s / FADE_S
+        row["share"] = min(row["share"] + move, 1.0) if inside else max(row["share"] - move, 0.0)
+        if row["share"] == 0.0:
             continue
-        u = row[SHARE]
+        u = row["share"]
         share = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
-        goals_at(min(max(row[PHASE], window[0]), window[1]), curves, chain, starts, rows)
-        turned[0] = weights[b]
-        correction.correct_positions(
-            turned, goals[b : b + 1], held, units, rules, mode, starts, rows, references, offsets
-        )
+        chain_at(min(max(row["phase"], problem.start), problem.stop), problem.curves, problem.joints, roots, rows)
+        corrected[0] = weights[b]
+        correct_positions(corrected, goals[b : b + 1], problem.correction, chain)
         for i in range(count):
-            weights[b, i] += share * (turned[0, i] - weights[b, i])
+            weights[b, i] += share * (corrected[0, i] - weights[b, i])
         if inside:
-            correction.reach_positions(weights[b : b + 1], mode, starts, rows, references, offsets, place)
-            x, y, z = place[0, 0] - asked[b, 0], place[0, 1] - asked[b, 1], place[0, 2] - asked[b, 2]
+            effector_positions(weights[b : b + 1], chain, point)
+            x, y, z = point[0, 0] - requested[b, 0], point[0, 1] - requested[b, 1], point[0, 2] - requested[b, 2]
             error[b] = np.sqrt(x * x + y * y + z * z)

@@ -1,4 +1,4 @@
-"""Charts: the coordinates in which an adverb space is convex, scaled and clamped.
+"""Charts: coordinates in which an adverb space is convex; normalisation and the clamp to the domain.
 
 A chart maps D adverbs to D chart coordinates; three of them may bend, the others pass through:
 
@@ -8,17 +8,33 @@ A chart maps D adverbs to D chart coordinates; three of them may bend, the other
 - ``planar``: (distance, direction, height) becomes (distance·sin, distance·cos, height), so that a direction lives
   on its circle and does not matter at distance 0.
 
-The domain is the convex hull of the examples in the chart, {u : A (u − c) ≤ 1}.
+Normalised coordinates are shifted and scaled. The domain is the convex hull of the examples in them,
+{u : A (u − c) ≤ 1}.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from verbs.conventions import F64, I64
 from verbs.kernels.compile import kernel
 
-__all__ = ["CHARTS", "CYLINDER", "IDENTITY", "PLANAR", "clamp", "from_chart", "gauge", "to_chart"]
+__all__ = [
+    "CHARTS",
+    "CYLINDER",
+    "IDENTITY",
+    "PLANAR",
+    "ChartArrays",
+    "DomainArrays",
+    "clamp",
+    "denormalise",
+    "from_point",
+    "gauge",
+    "normalise",
+    "to_point",
+]
 
 IDENTITY, CYLINDER, PLANAR = range(3)
 
@@ -32,38 +48,86 @@ LAST_GAUGE = 1.25
 """No clamped point lies farther out than this."""
 
 
-@kernel
-def to_chart(kind: int, axes: I64, bend: F64, adverbs: F64, out: F64) -> None:
-    """Chart coordinates (D,) of adverbs (D,).
+class ChartArrays(NamedTuple):
+    """A chart's arrays; see :class:`verbs.verb.Chart`.
 
-    ``axes`` (3,) are the adverbs that bend; ``bend`` (4,) holds the cylinder's axis x and z, the angle of its cut
-    (radians) and its unrolling radius R (m).
+    Parameters
+    ----------
+    kind : int
+        A number of :data:`CHARTS`.
+    axes : (3,) int64
+        Adverbs that bend.
+    bend : (4,) float64
+        The cylinder's axis x and z (m), the angle of its cut (rad) and its unrolling radius R (m).
+    shift, scale : (D,) float64
+        Normalised coordinates are (chart coordinates - shift) · scale.
     """
+
+    kind: int
+    axes: I64
+    bend: F64
+    shift: F64
+    scale: F64
+
+
+class DomainArrays(NamedTuple):
+    """A domain's arrays; see :class:`verbs.verb.Domain`."""
+
+    chart: ChartArrays
+    facets: F64
+    middle: F64
+    sharpness: float
+
+
+@kernel
+def to_point(chart: ChartArrays, adverbs: F64, out: F64) -> None:
+    """Normalised chart coordinates (D,) of adverbs (D,)."""
+    axes, bend = chart.axes, chart.bend
     for a in range(adverbs.shape[0]):
         out[a] = adverbs[a]
-    if kind == CYLINDER:
+    if chart.kind == CYLINDER:
         x, z = adverbs[axes[0]] - bend[0], adverbs[axes[2]] - bend[1]
         out[axes[0]] = bend[3] * ((np.arctan2(x, z) - bend[2]) % (2.0 * np.pi))
         out[axes[2]] = np.sqrt(x * x + z * z)
-    elif kind == PLANAR:
+    elif chart.kind == PLANAR:
         distance, direction = adverbs[axes[0]], adverbs[axes[1]]
         out[axes[0]] = distance * np.sin(direction)
         out[axes[1]] = distance * np.cos(direction)
+    for a in range(adverbs.shape[0]):
+        out[a] = (out[a] - chart.shift[a]) * chart.scale[a]
 
 
 @kernel
-def from_chart(kind: int, axes: I64, bend: F64, coordinates: F64, out: F64) -> None:
-    """Adverbs (D,) of chart coordinates (D,): the inverse of :func:`to_chart`."""
-    for a in range(coordinates.shape[0]):
-        out[a] = coordinates[a]
-    if kind == CYLINDER:
-        angle, radius = coordinates[axes[0]] / bend[3] + bend[2], coordinates[axes[2]]
+def from_point(chart: ChartArrays, point: F64, out: F64) -> None:
+    """Adverbs (D,) of normalised chart coordinates (D,): the inverse of :func:`to_point`. ``point`` is overwritten."""
+    axes, bend = chart.axes, chart.bend
+    for a in range(point.shape[0]):
+        point[a] = point[a] / chart.scale[a] + chart.shift[a]
+        out[a] = point[a]
+    if chart.kind == CYLINDER:
+        angle, radius = point[axes[0]] / bend[3] + bend[2], point[axes[2]]
         out[axes[0]] = bend[0] + radius * np.sin(angle)
         out[axes[2]] = bend[1] + radius * np.cos(angle)
-    elif kind == PLANAR:
-        x, z = coordinates[axes[0]], coordinates[axes[1]]
+    elif chart.kind == PLANAR:
+        x, z = point[axes[0]], point[axes[1]]
         out[axes[0]] = np.sqrt(x * x + z * z)
         out[axes[1]] = np.arctan2(x, z) if x != 0.0 or z != 0.0 else 0.0
+
+
+@kernel
+def normalise(adverbs: F64, chart: ChartArrays, out: F64) -> None:
+    """Normalised chart coordinates of adverbs (B, D), written to ``out`` (B, D)."""
+    for b in range(adverbs.shape[0]):
+        to_point(chart, adverbs[b], out[b])
+
+
+@kernel
+def denormalise(points: F64, chart: ChartArrays, out: F64) -> None:
+    """Adverbs of normalised chart coordinates (B, D), written to ``out`` (B, D): the inverse of :func:`normalise`."""
+    point = np.empty(points.shape[1])
+    for b in range(points.shape[0]):
+        point[:] = points[b]
+        from_point(chart, point, out[b])
 
 
 @kernel
@@ -71,7 +135,7 @@ def gauge(point: F64, facets: F64, middle: F64, sharpness: float) -> float:
     """Smooth gauge of a point (D,) against facets (F, D) about ``middle`` (D,): 1 on the hull's surface.
 
     The maximum of A (u − c) over facets, softened to a norm of order ``sharpness``. Where k facets meet it overstates
-    by k^(1/sharpness); the build chooses the order so that no point of the hull passes :data:`FREE_GAUGE`.
+    by k^(1/sharpness); authoring chooses the order so that no point of the hull passes :data:`FREE_GAUGE`.
     """
     top = 0.0
     for f in range(facets.shape[0]):
@@ -92,17 +156,17 @@ def gauge(point: F64, facets: F64, middle: F64, sharpness: float) -> float:
 
 
 @kernel
-def clamp(point: F64, facets: F64, middle: F64, sharpness: float) -> bool:
-    """Draw a point (D,) that lies far outside the hull back to its surroundings, in place; say whether it moved.
+def clamp(point: F64, domain: DomainArrays) -> bool:
+    """Move a point (D,) far outside the hull back to its surroundings, in place; return whether it was moved.
 
     The identity up to gauge 1.08, then a hyperbolic tangent that never passes 1.25: twice differentiable, so that
-    a goal that wanders off does not make the character jerk.
+    a goal that leaves the domain does not make the character jerk.
     """
-    value = gauge(point, facets, middle, sharpness)
+    value = gauge(point, domain.facets, domain.middle, domain.sharpness)
     if value <= FREE_GAUGE:
         return False
     span = LAST_GAUGE - FREE_GAUGE
     shrink = (FREE_GAUGE + span * np.tanh((value - FREE_GAUGE) / span)) / value
     for a in range(point.shape[0]):
-        point[a] = middle[a] + (point[a] - middle[a]) * shrink
+        point[a] = domain.middle[a] + (point[a] - domain.middle[a]) * shrink
     return True

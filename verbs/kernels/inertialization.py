@@ -1,25 +1,27 @@
-"""Inertialisation: what is left of one motion, as an offset that decays on top of the next.
+"""Inertialization: the offset between two motions, which decays on top of the second one.
 
-``state`` is that of :mod:`verbs.kernels.character_state`, (C, :data:`~verbs.kernels.character_state.COLUMNS`) float64.
+``state`` (C,) is of :data:`verbs.kernels.character_state.CHARACTER`.
 
 Source: ``docs/math.md``, section "Live characters"; D. Bollo, "Inertialization", GDC 2018.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from verbs.conventions import F64, I64
-from verbs.kernels.character_state import FRESH, HEADING, LENGTH, SINCE, STEP, X, Z
+from verbs.kernels.character_state import Records
 from verbs.kernels.compile import kernel
 from verbs.kernels.pose import multiply
 
-__all__ = ["begin", "settle", "step_back"]
+__all__ = ["apply", "begin", "step_back"]
 
 
 @kernel
 def _log(q: F64, out: F64) -> None:
-    """Rotation vector (3,) of a unit quaternion (4,), the shorter way round."""
+    """Rotation vector (3,) of a unit quaternion (4,), of the smaller angle."""
     sign = -1.0 if q[3] < 0.0 else 1.0
     sine = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
     scale = sign * (2.0 * np.arctan2(sine, sign * q[3]) / sine if sine > 1e-9 else 2.0)
@@ -28,8 +30,8 @@ def _log(q: F64, out: F64) -> None:
 
 
 @kernel
-def _turned(to: F64, source: F64, out: F64) -> None:
-    """The rotation (4,) that turns one unit quaternion (4,) into another, in their parent's axes."""
+def _difference(to: F64, source: F64, out: F64) -> None:
+    """The rotation (4,) that takes one unit quaternion (4,), ``source``, to another, in their parent's axes."""
     back = np.empty(4)
     for a in range(3):
         back[a] = -source[a]
@@ -39,23 +41,23 @@ def _turned(to: F64, source: F64, out: F64) -> None:
 
 @kernel
 def _between(to: F64, source: F64, out: F64) -> None:
-    """Rotation vector (3,) of what turns one unit quaternion (4,) into another."""
-    turn = np.empty(4)
-    _turned(to, source, turn)
-    _log(turn, out)
+    """Rotation vector (3,) from one unit quaternion (4,), ``source``, to another."""
+    rotation = np.empty(4)
+    _difference(to, source, rotation)
+    _log(rotation, out)
 
 
 @kernel
 def _before(here: F64, after: F64, out: F64) -> None:
-    """Rotation (4,) that lies as far before one as another lies after it."""
-    turn = np.empty(4)
-    _turned(here, after, turn)
-    multiply(turn, here, out)
+    """Rotation (4,) as far before ``here`` as ``after`` is after it."""
+    rotation = np.empty(4)
+    _difference(here, after, rotation)
+    multiply(rotation, here, out)
 
 
 @kernel
 def step_back(frames: F64) -> None:
-    """Replace two frames (2, 3 + 4·J) by the one that lies before them, as if motion were even, and the first."""
+    """Replace two frames (2, 3 + 4·J) by the one before them, at constant velocity, and the first."""
     before, here = np.empty(4), np.empty(4)
     for a in range(3):
         first = frames[0, a]
@@ -68,14 +70,14 @@ def step_back(frames: F64) -> None:
 
 @kernel
 def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
-    """Start a transition: how far, and how fast, the pose shown is off the motion that is to be shown.
+    """Start a transition: offsets, and their velocities, between the displayed pose and the motion that follows.
 
     Parameters
     ----------
     step_s : float
         Seconds between the two rows of each of the next two.
     last : (2, 3 + 4·J) float64
-        The last two frames that were shown: the one before, then the last. Root position, then rotations.
+        The last two displayed frames, the latest one last. Root position, then rotations.
     ahead : (2, 3 + 4·J) float64
         The first two frames of the motion that follows.
     offsets : (2, 3 + 3·J) float64
@@ -90,7 +92,7 @@ def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
         at, to = 3 + 4 * j, 3 + 3 * j
         here = ahead[0, at : at + 4]
         _between(last[1, at : at + 4], here, offsets[0, to : to + 3])
-        # One frame before its start, the motion is taken to have turned as in its first frame.
+        # One frame before its start, the motion is taken to have rotated as in its first frame.
         _before(here, ahead[1, at : at + 4], before)
         _between(last[0, at : at + 4], before, early)
         _unwrap(early, offsets[0, to : to + 3])
@@ -100,7 +102,7 @@ def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
 
 @kernel
 def _unwrap(vector: F64, near: F64) -> None:
-    """Of the two rotation vectors (3,) of one rotation take the one nearer to another: half a turn has both."""
+    """Replace a rotation vector (3,) by the other one of the same rotation where that is nearer to ``near`` (3,)."""
     angle = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
     dot = vector[0] * near[0] + vector[1] * near[1] + vector[2] * near[2]
     if dot < 0.0 and angle > 0.5 * np.pi:
@@ -109,51 +111,53 @@ def _unwrap(vector: F64, near: F64) -> None:
 
 
 @kernel
-def settle(
-    slots: I64, step_s: float, state: F64, offsets: F64, shown: F64, striding: bool, root: F64, rotations: F64
+def apply(
+    slots: I64, step_s: float, state: Records, offsets: F64, shown: F64, striding: bool, root: F64, rotations: F64
 ) -> None:
-    """Put poses (B, 3), (B, J, 4) into the world, add what is left of transitions, and remember what was shown.
+    """Move poses (B, 3), (B, J, 4) into the world, add the offsets of transitions, and store the displayed frames.
 
-    A transition's offset goes from x₀ and v₀ to rest as :func:`_left` says.
+    A transition's offset goes from x₀ and v₀ to rest as :func:`_factors` states.
 
     Parameters
     ----------
     offsets : (C, 2, 3 + 3·J) float64
         See :func:`begin`.
     shown : (C, 2, 3 + 4·J) float64
-        The last two frames of each character; moved on by one, or, where it appeared, both that frame.
+        The last two frames of each character; moved on by one. Where a character appears, both are that frame.
     striding : bool
-        Whether the root's place is all of its travel.
+        Whether the character's position is all of the root's travel.
     """
     joints = rotations.shape[1]
-    turn, local = np.zeros(4), np.empty(4)
+    rotation, local = np.zeros(4), np.empty(4)
     for b in range(slots.shape[0]):
         s = slots[b]
         row = state[s]
-        cosine, sine = np.cos(row[HEADING]), np.sin(row[HEADING])
+        cosine, sine = np.cos(row["heading"]), np.sin(row["heading"])
         x, z = (0.0, 0.0) if striding else (root[b, 0], root[b, 2])
-        root[b, 0], root[b, 2] = row[X] + x * cosine + z * sine, row[Z] - x * sine + z * cosine
-        turn[0], turn[1], turn[2], turn[3] = 0.0, np.sin(0.5 * row[HEADING]), 0.0, np.cos(0.5 * row[HEADING])
+        root[b, 0], root[b, 2] = row["x"] + x * cosine + z * sine, row["z"] - x * sine + z * cosine
+        rotation[0], rotation[1], rotation[2] = 0.0, np.sin(0.5 * row["heading"]), 0.0
+        rotation[3] = np.cos(0.5 * row["heading"])
         local[:] = rotations[b, 0]
-        multiply(turn, local, rotations[b, 0])
-        if row[LENGTH] > 0.0:
-            _decay(step_s, row, offsets[s], turn, local, root[b], rotations[b])
+        multiply(rotation, local, rotations[b, 0])
+        if row["transition_s"] > 0.0:
+            _decay(step_s, row, offsets[s], rotation, local, root[b], rotations[b])
         shown[s, 0] = shown[s, 1]
         shown[s, 1, :3] = root[b]
         for j in range(joints):
             shown[s, 1, 3 + 4 * j : 7 + 4 * j] = rotations[b, j]
-        if row[FRESH] == 1.0:  # it did not move there
+        if row["fresh"] == 1.0:  # its appearance is no movement
             shown[s, 0] = shown[s, 1]
-        row[STEP], row[FRESH] = step_s, 0.0
+        row["step_s"], row["fresh"] = step_s, 0.0
 
 
 @kernel
-def _left(u: float) -> tuple[float, float]:
-    """What is left of an offset, and of a velocity times its duration, at a share (0 to 1) of a transition.
+def _factors(u: float) -> tuple[float, float]:
+    """Remaining share of an offset, and of a velocity times its duration, at a share (0 to 1) of a transition.
 
-    Both start with the slopes 0 and 1, end at rest, and are parabolas and lines: the offset gathers speed in the first
-    0.3, loses it in the last 0.3 and goes evenly between; the velocity is braked and reversed to a half until 0.6,
-    kept until 0.8, and braked. So accelerations stay within 100/21 x₀/T² and 5/2 v₀/T, speeds within 10/7 x₀/T.
+    Both start with the slopes 0 and 1, end at rest, and are parabolas and lines: the offset accelerates in the first
+    0.3, decelerates in the last 0.3 and has constant speed between; the velocity is reversed to a half until 0.6,
+    constant until 0.8, and decelerates. So accelerations stay within 100/21 x₀/T² and 5/2 v₀/T, speeds within
+    10/7 x₀/T.
     """
     v = 1.0 - u
     if u < 0.3:
@@ -172,15 +176,15 @@ def _left(u: float) -> tuple[float, float]:
 
 
 @kernel
-def _decay(step_s: float, row: F64, offset: F64, turn: F64, local: F64, root: F64, rotations: F64) -> None:
-    """Add what is left of one character's transition to its pose."""
-    row[SINCE] += step_s
-    length = row[LENGTH]
-    u = row[SINCE] / length
+def _decay(step_s: float, row: Any, offset: F64, rotation: F64, local: F64, root: F64, rotations: F64) -> None:
+    """Add the offset of one character's transition to its pose; ``rotation`` and ``local`` (4,) are scratch."""
+    row["since_s"] += step_s
+    length = row["transition_s"]
+    u = row["since_s"] / length
     if u >= 1.0 - 1e-9:
-        row[LENGTH] = 0.0
+        row["transition_s"] = 0.0
         return
-    keep, carry = _left(u)
+    keep, carry = _factors(u)
     carry *= length
     for a in range(3):
         root[a] += keep * offset[0, a] + carry * offset[1, a]
@@ -191,6 +195,7 @@ def _decay(step_s: float, row: F64, offset: F64, turn: F64, local: F64, root: F6
         vz = keep * offset[0, at + 2] + carry * offset[1, at + 2]
         angle = np.sqrt(vx * vx + vy * vy + vz * vz)
         scale = np.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
-        turn[0], turn[1], turn[2], turn[3] = scale * vx, scale * vy, scale * vz, np.cos(0.5 * angle)
+        rotation[0], rotation[1], rotation[2] = scale * vx, scale * vy, scale * vz
+        rotation[3] = np.cos(0.5 * angle)
         local[:] = rotations[j]
-        multiply(turn, local, rotations[j])
+        multiply(rotation, local, rotations[j])

@@ -15,10 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from verbs.conventions import F64, I64
-from verbs.kernels import correction
 from verbs.kernels import measure as measures
 from verbs.kernels.compile import kernel
+from verbs.kernels.corrected_position import Chain, ChainScratch, position_jacobian
+from verbs.kernels.corrected_velocity import velocity_jacobian
 from verbs.kernels.simplex import least
+from verbs.kernels.timewarp import Clock
 
 __all__ = ["Problem", "assess", "costs", "row_count", "solve", "subset"]
 
@@ -57,8 +59,7 @@ class Problem(NamedTuple):
     references : (L, 4) float64
     offsets : (L, 3) float64
     strides : (K, N, 3) float64
-    phases : (M,) float64
-    log_lengths : (N, M - 1) float64
+    clock : Clock
     values : (V, N) float64
         Values of the examples whose means are asked for: adverbs that are not measured, and what a jump covers.
     """
@@ -73,8 +74,7 @@ class Problem(NamedTuple):
     references: F64
     offsets: F64
     strides: F64
-    phases: F64
-    log_lengths: F64
+    clock: Clock
     values: F64
 
 
@@ -102,9 +102,10 @@ def _middle(whole: F64, chosen: I64) -> F64:
 @kernel
 def subset(problem: Problem, chosen: I64) -> Problem:
     """The same constraints over some of the examples."""
-    lengths = np.empty((chosen.shape[0], problem.log_lengths.shape[1]))
+    clock = problem.clock
+    lengths = np.empty((chosen.shape[0], clock.log_lengths.shape[1]))
     for c in range(chosen.shape[0]):
-        lengths[c] = problem.log_lengths[chosen[c]]
+        lengths[c] = clock.log_lengths[chosen[c]]
     return Problem(
         problem.mode,
         problem.kinds,
@@ -116,35 +117,27 @@ def subset(problem: Problem, chosen: I64) -> Problem:
         problem.references,
         problem.offsets,
         _middle(problem.strides, chosen),
-        problem.phases,
-        lengths,
+        Clock(clock.phases, lengths, clock.looping),
         _last(problem.values, chosen),
     )
 
 
 @kernel
-def _point(problem: Problem, p: int, weights: F64, scratch: F64, shares: F64, point: F64, jacobian: F64) -> None:
+def _point(problem: Problem, p: int, weights: F64, scratch: F64, point: F64, jacobian: F64) -> None:
     """Point p (3,) that a blend reaches, and its Jacobian (3, n)."""
     if problem.kinds[p] == measures.VELOCITY:
-        correction.velocity_jacobian(
-            weights, problem.strides, problem.phases, problem.log_lengths, point, jacobian, shares
-        )
+        velocity_jacobian(weights, problem.strides, problem.clock, point, jacobian)
     else:
         first, last = problem.spans[p, 0], problem.spans[p, 1]
-        correction.position_jacobian(
-            weights,
+        chain = Chain(
             problem.mode,
             problem.roots[3 * p : 3 * p + 3],
             problem.rows[4 * first : 4 * last],
             problem.references[first:last],
             problem.offsets[first:last],
-            scratch[0],
-            scratch[1],
-            scratch[2],
-            scratch[3, :6].reshape(2, 3, 4),
-            point,
-            jacobian,
         )
+        rates = scratch[3, :6].reshape(2, 3, 4)
+        position_jacobian(weights, chain, ChainScratch(scratch[0], scratch[1], scratch[2], rates), point, jacobian)
 
 
 @kernel
@@ -188,10 +181,10 @@ def assess(problem: Problem, weights: F64, targets: F64, means: F64, residuals: 
     """
     count, points = weights.shape[0], problem.kinds.shape[0]
     point, slopes = np.empty(3), np.empty((3, count))
-    scratch, shares = np.empty((4, max(problem.references.shape[0], 6), 4)), np.empty((2, count))
+    scratch = np.empty((4, max(problem.references.shape[0], 6), 4))
     row = 0
     for p in range(points):
-        _point(problem, p, weights, scratch, shares, point, slopes)
+        _point(problem, p, weights, scratch, point, slopes)
         row = _add_residual(problem.factors[p], problem.radii[p], point, targets[p], slopes, row, residuals, jacobian)
     for v in range(problem.values.shape[0]):
         factor = problem.factors[points + v]

@@ -1,16 +1,20 @@
-"""What a blend reaches: the measured point of weights, per kind of measure.
+"""Measures: goals of adverbs, measured points of jumps and walks, and the error between goal and measured point.
+
+Positions of an effector are in :mod:`verbs.kernels.corrected_position`.
 
 Source: ``docs/math.md``, section "Measures"; the locomotion rule is the one that its source files state.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from verbs.conventions import F64, I64
 from verbs.kernels import root_velocity
 from verbs.kernels.compile import kernel
-from verbs.kernels.pose import add_turned, finish_rotation, multiply
+from verbs.kernels.root_velocity import Cycle
 
 __all__ = [
     "JUMP",
@@ -18,10 +22,10 @@ __all__ = [
     "NOTHING",
     "POSITION",
     "VELOCITY",
+    "GoalSpace",
     "compare",
     "goals",
     "jumps",
-    "positions",
     "root_velocities",
 ]
 
@@ -31,38 +35,25 @@ MEASURES = {"none": NOTHING, "joint_position": POSITION, "jump": JUMP, "root_vel
 """Measure numbers as the artifact stores them; never renumber."""
 
 
-@kernel
-def position(weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, out: F64) -> None:
-    """Position (3,) of the effector at its keytime, metres.
+class GoalSpace(NamedTuple):
+    """How measured adverbs and points of the measure's space belong together; see :class:`verbs.verb.Measure`.
 
     Parameters
     ----------
-    weights : (N,) float64
-    mode : int
-        How rotations blend, see :mod:`verbs.kernels.pose`.
-    roots : (N, 3) float64
-        Root position of each example at the keytime.
-    rows : (L, N, 4) float64
-        Rotation rows of the L joints of the chain from the root to the effector's parent.
-    references : (L, 4) float64
-    offsets : (L, 3) float64
-        Offset of the next joint of the chain; the last one is the effector's.
+    kind : int
+        A number of :data:`MEASURES`.
+    axes : (m,) int64
+        Adverbs that are measured.
+    origin : (3,) float64
+    frame, inverse : (3, m), (m, 3) float64
+        A position goal is origin + frame · adverbs; the pseudo-inverse of the frame.
     """
-    out[:] = 0.0
-    for i in range(weights.shape[0]):
-        for a in range(3):
-            out[a] += weights[i] * roots[i, a]
-    turn, local, product = np.zeros(4), np.empty(4), np.empty(4)
-    turn[3] = 1.0
-    for j in range(rows.shape[0]):
-        local[:] = 0.0
-        for i in range(weights.shape[0]):
-            for a in range(4):
-                local[a] += weights[i] * rows[j, i, a]
-        finish_rotation(mode, references[j], local)
-        multiply(turn, local, product)
-        turn[:] = product
-        add_turned(turn, offsets[j], out)
+
+    kind: int
+    axes: I64
+    origin: F64
+    frame: F64
+    inverse: F64
 
 
 @kernel
@@ -79,13 +70,6 @@ def jump(weights: F64, roots: F64, out: F64) -> None:
 
 
 @kernel
-def positions(weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64, out: F64) -> None:
-    """:func:`position` for weights (B, N), written to ``out`` (B, 3)."""
-    for b in range(weights.shape[0]):
-        position(weights[b], mode, roots, rows, references, offsets, out[b])
-
-
-@kernel
 def jumps(weights: F64, roots: F64, out: F64) -> None:
     """:func:`jump` for weights (B, N), written to ``out`` (B, 3)."""
     for b in range(weights.shape[0]):
@@ -93,28 +77,28 @@ def jumps(weights: F64, roots: F64, out: F64) -> None:
 
 
 @kernel
-def root_velocities(weights: F64, walk: F64, turns: F64, phases: F64, log_lengths: F64, out: F64) -> None:
+def root_velocities(weights: F64, cycle: Cycle, out: F64) -> None:
     """Forward speed (m/s), turn rate (rad/s), sideways speed (m/s) over one cycle (B, 3) of weights (B, N).
 
-    Each step is turned into the frame that turns at the cycle's mean rate, then averaged over the cycle. ``walk`` and
-    ``turns`` are those of :func:`verbs.kernels.root_velocity.walk_of`.
+    Each step is rotated into the frame that turns at the cycle's mean rate, then averaged over the cycle.
     """
-    times, full, steps, _, _ = root_velocity.scratch(walk, phases, weights.shape[1])
+    scratch = root_velocity.scratch(cycle)
     for b in range(weights.shape[0]):
-        root_velocity.mean_speeds(weights[b], walk, turns, phases, log_lengths, times, full, steps, out[b])
+        root_velocity.mean_speeds(weights[b], cycle, scratch, out[b])
 
 
 @kernel
-def goals(kind: int, adverbs: F64, axes: I64, origin: F64, frame: F64, out: F64) -> None:
-    """Goals (B, 3) of adverbs (B, D): what the measured ones ask for, as a point of the measure's space."""
+def goals(space: GoalSpace, adverbs: F64, out: F64) -> None:
+    """Goals (B, 3) of adverbs (B, D): the measured ones as a point of the measure's space."""
+    axes = space.axes
     for b in range(adverbs.shape[0]):
         row, goal = adverbs[b], out[b]
-        if kind == POSITION:
+        if space.kind == POSITION:
             for a in range(3):
-                goal[a] = origin[a]
+                goal[a] = space.origin[a]
                 for m in range(axes.shape[0]):
-                    goal[a] += frame[a, m] * row[axes[m]]
-        elif kind == JUMP:
+                    goal[a] += space.frame[a, m] * row[axes[m]]
+        elif space.kind == JUMP:
             distance, direction = row[axes[0]], row[axes[1]]
             goal[0], goal[1], goal[2] = (
                 distance * np.sin(direction),
@@ -127,34 +111,21 @@ def goals(kind: int, adverbs: F64, axes: I64, origin: F64, frame: F64, out: F64)
 
 
 @kernel
-def compare(
-    kind: int,
-    adverbs: F64,
-    points: F64,
-    axes: I64,
-    origin: F64,
-    frame: F64,
-    inverse: F64,
-    measured: F64,
-    error: F64,
-) -> None:
-    """Measured adverbs (B, m) of reached points (B, 3), and their distance (B,) from what adverbs (B, D) ask.
-
-    ``inverse`` (m, 3) is the pseudo-inverse of ``frame`` (3, m).
-    """
+def compare(space: GoalSpace, adverbs: F64, points: F64, measured: F64, error: F64) -> None:
+    """Measured adverbs (B, m) of measured points (B, 3), and their distance (B,) from the goals of adverbs (B, D)."""
     goal = np.empty((1, 3))
     for b in range(adverbs.shape[0]):
-        goals(kind, adverbs[b : b + 1], axes, origin, frame, goal)
+        goals(space, adverbs[b : b + 1], goal)
         total = 0.0
         for a in range(3):
             total += (points[b, a] - goal[0, a]) ** 2
         error[b] = np.sqrt(total)
-        if kind == POSITION:
-            for m in range(axes.shape[0]):
+        if space.kind == POSITION:
+            for m in range(space.axes.shape[0]):
                 measured[b, m] = 0.0
                 for a in range(3):
-                    measured[b, m] += inverse[m, a] * (points[b, a] - origin[a])
-        elif kind == JUMP:
+                    measured[b, m] += space.inverse[m, a] * (points[b, a] - space.origin[a])
+        elif space.kind == JUMP:
             measured[b, 0] = np.sqrt(points[b, 0] ** 2 + points[b, 1] ** 2)
             measured[b, 1] = np.arctan2(points[b, 0], points[b, 1])
             measured[b, 2] = points[b, 2]

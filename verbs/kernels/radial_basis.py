@@ -12,26 +12,35 @@ Source: Rose, Sloan, Cohen 2001, equation 2; the radial functions are those of t
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from verbs.conventions import F64
-from verbs.kernels.compile import kernel as compiled
+from verbs.kernels.chart import ChartArrays
+from verbs.kernels.compile import kernel
 
 __all__ = [
     "BIHARMONIC",
     "BSPLINE",
+    "COMPACT",
     "CUBIC",
-    "KERNELS",
     "MULTIQUADRIC",
+    "RADIAL_BASES",
+    "SUPPORT",
     "THIN_PLATE",
     "WENDLAND",
+    "BasisArrays",
+    "evaluate",
     "features",
     "phi",
+    "polynomial_matrix",
+    "radial_matrix",
 ]
 
 BSPLINE, MULTIQUADRIC, BIHARMONIC, THIN_PLATE, CUBIC, WENDLAND = range(6)
 
-KERNELS = {
+RADIAL_BASES = {
     "bspline": BSPLINE,
     "multiquadric": MULTIQUADRIC,
     "biharmonic": BIHARMONIC,
@@ -39,35 +48,95 @@ KERNELS = {
     "cubic": CUBIC,
     "wendland": WENDLAND,
 }
-"""Kernel numbers as the artifact stores them; never renumber."""
+"""Numbers of the radial functions as the artifact stores them; never renumber."""
+
+COMPACT = frozenset({BSPLINE, WENDLAND})
+"""Radial functions that are zero beyond :data:`SUPPORT` radii; the others are zero nowhere."""
+
+SUPPORT = 2.0
 
 
-@compiled
-def phi(kernel: int, r: float) -> float:  # noqa: PLR0911 - one line per function reads best
-    """Radial function at scaled distance r = d/h ≥ 0.
+class BasisArrays(NamedTuple):
+    """A cardinal basis's arrays; see :class:`verbs.verb.Basis`.
 
-    ``bspline`` has support 2 and the value 2/3 at 0, as in seed 1 §3.1; ``wendland`` (C², positive definite to
-    three dimensions) has support 2 as well, so that both share one meaning of the radius.
+    Parameters
+    ----------
+    chart : ChartArrays
+    radial_basis, degree : int
+        Number of the radial function; degree of the polynomial part.
+    centers : (C, D) float64
+    radii : (C,) float64
+        Scale h_c of each center's radial function.
+    radial : (C, N) float64
+    poly : (L, N) float64
     """
-    if kernel == BSPLINE:
-        if r >= 2.0:
-            return 0.0
-        if r >= 1.0:
-            return (2.0 - r) ** 3 / 6.0
-        return 2.0 / 3.0 - r * r + 0.5 * r * r * r
-    if kernel == MULTIQUADRIC:
-        return -np.sqrt(r * r + 1.0)
-    if kernel == BIHARMONIC:
-        return -r
-    if kernel == THIN_PLATE:
-        return r * r * np.log(r) if r > 0.0 else 0.0
-    if kernel == CUBIC:
-        return r * r * r
+
+    chart: ChartArrays
+    radial_basis: int
+    degree: int
+    centers: F64
+    radii: F64
+    radial: F64
+    poly: F64
+
+
+@kernel
+def _bspline(r: float) -> float:
+    """Cubic B-spline, as in Rose, Sloan, Cohen 2001, section 3.1: support 2, and 2/3 at 0."""
+    if r >= 2.0:
+        return 0.0
+    if r >= 1.0:
+        return (2.0 - r) ** 3 / 6.0
+    return 2.0 / 3.0 - r * r + 0.5 * r * r * r
+
+
+@kernel
+def _thin_plate(r: float) -> float:
+    return r * r * np.log(r) if r > 0.0 else 0.0
+
+
+@kernel
+def _wendland(r: float) -> float:
+    """Wendland's C² function, positive definite to three dimensions, stretched to the support 2 of the B-spline."""
     half = 0.5 * r
     return (1.0 - half) ** 4 * (4.0 * half + 1.0) if half < 1.0 else 0.0
 
 
-@compiled
+@kernel
+def phi(radial_basis: int, r: float) -> float:
+    """Radial function of a number in :data:`RADIAL_BASES` at scaled distance r = d/h ≥ 0."""
+    if radial_basis == BSPLINE:
+        value = _bspline(r)
+    elif radial_basis == MULTIQUADRIC:
+        value = -np.sqrt(r * r + 1.0)
+    elif radial_basis == BIHARMONIC:
+        value = -r
+    elif radial_basis == THIN_PLATE:
+        value = _thin_plate(r)
+    elif radial_basis == CUBIC:
+        value = r * r * r
+    else:
+        value = _wendland(r)
+    return value
+
+
+@kernel
+def radial_matrix(radial_basis: int, points: F64, centers: F64, radii: F64) -> F64:
+    """Radial functions (B, C) of centers (C, D), each scaled by its radius (C,), at points (B, D).
+
+    At the centers themselves this is the matrix Q of Rose, Sloan, Cohen 2001, section 3.1.
+    """
+    out = np.empty((points.shape[0], centers.shape[0]))
+    for b in range(points.shape[0]):
+        for c in range(centers.shape[0]):
+            squared = 0.0
+            for a in range(points.shape[1]):
+                squared += (points[b, a] - centers[c, a]) ** 2
+            out[b, c] = phi(radial_basis, np.sqrt(squared) / radii[c])
+    return out
+
+
+@kernel
 def features(point: F64, degree: int, out: F64) -> int:
     """Write the monomials of ``point`` (D,) up to ``degree`` (0, 1 or 2) into ``out``; return how many.
 
@@ -88,38 +157,33 @@ def features(point: F64, degree: int, out: F64) -> int:
     return count + 1
 
 
-@compiled
-def evaluate(
-    point: F64, kernel: int, degree: int, centers: F64, radii: F64, radial: F64, poly: F64, row: F64, out: F64
-) -> None:
-    """Weights (N,) at one ``point`` (D,), written to ``out``.
+@kernel
+def polynomial_matrix(points: F64, degree: int) -> F64:
+    """Polynomial features (B, L) of points (B, D), in the order of :func:`features`."""
+    row = np.empty(1 + points.shape[1] * (points.shape[1] + 3) // 2)
+    out = np.empty((points.shape[0], row.shape[0]))
+    count = 1
+    for b in range(points.shape[0]):
+        count = features(points[b], degree, row)
+        out[b] = row
+    return out[:, :count].copy()
 
-    Parameters
-    ----------
-    point : (D,) float64
-        Normalised chart coordinates.
-    kernel, degree : int
-        Number of the radial function; degree of the polynomial part.
-    centers : (C, D) float64
-    radii : (C,) float64
-        Scale h_c of each center's radial function.
-    radial : (C, N) float64
-    poly : (L, N) float64
-    row : (L,) float64
-        Scratch.
-    out : (N,) float64
-    """
-    count = features(point, degree, row)
+
+@kernel
+def evaluate(point: F64, basis: BasisArrays, row: F64, out: F64) -> None:
+    """Weights (N,) of a basis at one ``point`` (D,) in normalised chart coordinates; ``row`` (L,) is scratch."""
+    radial, poly = basis.radial, basis.poly
+    count = features(point, basis.degree, row)
     for i in range(out.shape[0]):
         out[i] = 0.0
     for f in range(count):
         for i in range(out.shape[0]):
             out[i] += row[f] * poly[f, i]
-    for c in range(centers.shape[0]):
+    for c in range(basis.centers.shape[0]):
         squared = 0.0
         for a in range(point.shape[0]):
-            squared += (point[a] - centers[c, a]) ** 2
-        value = phi(kernel, np.sqrt(squared) / radii[c])
+            squared += (point[a] - basis.centers[c, a]) ** 2
+        value = phi(basis.radial_basis, np.sqrt(squared) / basis.radii[c])
         if value != 0.0:
             for i in range(out.shape[0]):
                 out[i] += value * radial[c, i]

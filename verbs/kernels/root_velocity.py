@@ -12,13 +12,15 @@ Source: ``docs/math.md``, sections "Measures" and "Corrected blending".
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from verbs.conventions import F64
 from verbs.kernels.compile import kernel
-from verbs.kernels.timewarp import blend_keytimes, slopes
+from verbs.kernels.timewarp import Clock, warp
 
-__all__ = ["mean_speeds", "scratch", "speed_derivatives", "walk_of"]
+__all__ = ["Cycle", "Scratch", "cycle_of", "mean_speeds", "scratch", "speed_derivatives"]
 
 LANES = 16
 """Steps that a vectorised loop takes in one go."""
@@ -27,7 +29,47 @@ GROUP = 4
 """Rows that are summed in one go."""
 
 SIDE, AHEAD, ANGLE, SINE, COSINE = range(5)
-"""Rows of ``steps``. Once turned, ``SIDE`` and ``AHEAD`` hold the step in the frame of the mean rate."""
+"""Rows of ``steps``. Once rotated, ``SIDE`` and ``AHEAD`` are the step in the frame of the mean rate."""
+
+
+class Cycle(NamedTuple):
+    """The strides of a loop, laid out as rows.
+
+    Parameters
+    ----------
+    rows : (2·G + H, C) float64
+        Sideways strides of the N examples, filled up to G rows; forward strides, likewise; headings at mid step, and
+        the 2·(M - 1) rows of :func:`_lay_clock`, together filled up to H rows. C is K in whole lanes.
+    turns : (N,) float64
+        Angle by which each example turns over the cycle, rad.
+    clock : Clock
+    """
+
+    rows: F64
+    turns: F64
+    clock: Clock
+
+
+class Scratch(NamedTuple):
+    """Scratch arrays of one cycle; :func:`mean_speeds` writes the first three, from which derivatives start.
+
+    Parameters
+    ----------
+    times : (2, M) float64
+        Keytimes and tangents.
+    full : (H,) float64
+        Factors of the rows.
+    steps : (5, C) float64
+    shares : (M + 1, M) float64
+    jacobian : (3, G) float64
+        Written by :func:`speed_derivatives`; the first N columns count.
+    """
+
+    times: F64
+    full: F64
+    steps: F64
+    shares: F64
+    jacobian: F64
 
 
 @kernel
@@ -37,35 +79,20 @@ def _whole(count: int, unit: int) -> int:
 
 
 @kernel
-def walk_of(strides: F64, phases: F64, turns: F64) -> F64:
-    """Lay out the strides of a loop with keytimes at ``phases`` (M,) as rows.
-
-    Parameters
-    ----------
-    strides : (K, N, 3) float64
-        Steps of the examples in the frame of their own heading: sideways, forward (m), turn (rad).
-    phases : (M,) float64
-    turns : (N,) float64
-        Written: each example's turn over the cycle, rad.
-
-    Returns
-    -------
-    walk : (2·G + H, C) float64
-        Sideways strides of the N examples, filled up to G rows; forward strides, likewise; headings at mid step, and
-        the 2·(M - 1) rows of :func:`_lay_clock`, together filled up to H rows. C is K in whole lanes.
-    """
+def cycle_of(strides: F64, clock: Clock) -> Cycle:
+    """Lay out the strides (K, N, 3) of a loop: sideways, forward (m), turn (rad), in the frame of their own heading."""
     steps, count = strides.shape[0], strides.shape[1]
-    rows = _whole(count, GROUP)
-    walk = np.zeros((2 * rows + _whole(count + 2 * phases.shape[0] - 2, GROUP), _whole(steps, LANES)))
+    group, turns = _whole(count, GROUP), np.empty(count)
+    rows = np.zeros((2 * group + _whole(count + 2 * clock.phases.shape[0] - 2, GROUP), _whole(steps, LANES)))
     for i in range(count):
         heading = 0.0
         for k in range(steps):
-            walk[i, k], walk[rows + i, k] = strides[k, i, 0], strides[k, i, 1]
-            walk[2 * rows + i, k] = heading + 0.5 * strides[k, i, 2]
+            rows[i, k], rows[group + i, k] = strides[k, i, 0], strides[k, i, 1]
+            rows[2 * group + i, k] = heading + 0.5 * strides[k, i, 2]
             heading += strides[k, i, 2]
         turns[i] = heading
-    _lay_clock(phases, steps, walk[2 * rows + count :])
-    return walk
+    _lay_clock(clock.phases, steps, rows[2 * group + count :])
+    return Cycle(rows, turns, clock)
 
 
 @kernel
@@ -92,11 +119,12 @@ def _lay_clock(phases: F64, steps: int, clock: F64) -> None:
 
 
 @kernel
-def scratch(walk: F64, phases: F64, count: int) -> tuple[F64, F64, F64, F64, F64]:
-    """Room for ``count`` examples: times (2, M), full (H,), steps (5, C), shares (M + 1, M), jacobian (3, G)."""
-    marks, rows = phases.shape[0], _whole(count, GROUP)
-    times, full = np.empty((2, marks)), np.zeros(walk.shape[0] - 2 * rows)
-    return times, full, np.empty((5, walk.shape[1])), np.empty((marks + 1, marks)), np.empty((3, rows))
+def scratch(cycle: Cycle) -> Scratch:
+    """Scratch arrays for a cycle."""
+    marks, group = cycle.clock.phases.shape[0], _whole(cycle.turns.shape[0], GROUP)
+    times, full = np.empty((2, marks)), np.zeros(cycle.rows.shape[0] - 2 * group)
+    shares, jacobian = np.empty((marks + 1, marks)), np.empty((3, group))
+    return Scratch(times, full, np.empty((5, cycle.rows.shape[1])), shares, jacobian)
 
 
 @kernel
@@ -146,8 +174,8 @@ def _sines(steps: F64) -> None:
 
 
 @kernel
-def _turn(steps: F64) -> tuple[float, float]:
-    """Turn every step by its angle, in place; return the sums: sideways, forward."""
+def _rotate(steps: F64) -> tuple[float, float]:
+    """Rotate every step by its angle, in place; return the sums: sideways, forward."""
     x_sum, z_sum = 0.0, 0.0
     for k in range(steps.shape[1]):
         side, ahead, sine, cosine = steps[SIDE, k], steps[AHEAD, k], steps[SINE, k], steps[COSINE, k]
@@ -159,47 +187,23 @@ def _turn(steps: F64) -> tuple[float, float]:
 
 
 @kernel
-def mean_speeds(
-    weights: F64,
-    walk: F64,
-    turns: F64,
-    phases: F64,
-    log_lengths: F64,
-    times: F64,
-    full: F64,
-    steps: F64,
-    point: F64,
-) -> None:
-    """Forward speed (m/s), turn rate (rad/s) and sideways speed (m/s) over one cycle, to ``point`` (3,).
-
-    Parameters
-    ----------
-    weights : (N,) float64
-    walk, turns : (2·G + H, C), (N,) float64
-        Of :func:`walk_of`.
-    phases : (M,) float64
-    log_lengths : (N, M - 1) float64
-    times, full, steps : (2, M), (H,), (5, C) float64
-        Of :func:`scratch`; what is left there is what :func:`speed_derivatives` starts from.
-    point : (3,) float64
-        Written.
-    """
-    count, last = weights.shape[0], phases.shape[0] - 1
-    blend_keytimes(weights, log_lengths, times[0])
-    slopes(phases, times[0], True, times[1])
-    duration, total = times[0, last], 0.0
+def mean_speeds(weights: F64, cycle: Cycle, scratch: Scratch, point: F64) -> None:
+    """Forward speed (m/s), turn rate (rad/s), sideways speed (m/s) of weights (N,) over a cycle, to ``point`` (3,)."""
+    rows, full, times, steps = cycle.rows, scratch.full, scratch.times, scratch.steps
+    count, last = weights.shape[0], cycle.clock.phases.shape[0] - 1
+    duration, total = warp(weights, cycle.clock, times[0], times[1]), 0.0
     for i in range(count):
-        total += weights[i] * turns[i]
+        total += weights[i] * cycle.turns[i]
         full[i] = weights[i]
     rate = total / duration
     for m in range(last):
         full[count + m], full[count + last + m] = -rate * times[0, m + 1], -rate * times[1, m]
-    rows = (walk.shape[0] - full.shape[0]) // 2
-    _sum_rows(full, walk, 0, rows, steps, SIDE)
-    _sum_rows(full, walk, rows, rows, steps, AHEAD)
-    _sum_rows(full, walk, 2 * rows, full.shape[0], steps, ANGLE)
+    group = (rows.shape[0] - full.shape[0]) // 2
+    _sum_rows(full, rows, 0, group, steps, SIDE)
+    _sum_rows(full, rows, group, group, steps, AHEAD)
+    _sum_rows(full, rows, 2 * group, full.shape[0], steps, ANGLE)
     _sines(steps)
-    x_sum, z_sum = _turn(steps)
+    x_sum, z_sum = _rotate(steps)
     point[0], point[1], point[2] = z_sum / duration, rate, x_sum / duration
 
 
@@ -267,18 +271,18 @@ def _pace(walk: F64, first: int, times: F64, steps: F64, shares: F64) -> None:
 
 
 @kernel
-def speed_derivatives(
-    walk: F64, turns: F64, phases: F64, log_lengths: F64, times: F64, steps: F64, point: F64, shares: F64, jacobian: F64
-) -> None:
-    """Jacobian (3, G) of :func:`mean_speeds`, at the weights that it was last called with; the first N columns count.
+def speed_derivatives(cycle: Cycle, scratch: Scratch, point: F64) -> None:
+    """Jacobian (3, G) of :func:`mean_speeds` at its last weights, whose result is ``point`` (3,), to ``scratch``.
 
-    ``shares`` (M + 1, M) is scratch. ∂angle/∂w_i is the heading's row, less what the frame turns further by ∂rate/∂w_i
-    and by the growth of time; the latter two are sums over the steps, chained to the examples last.
+    ∂angle/∂w_i is the heading's row, less what the frame turns further by ∂rate/∂w_i and by the growth of time; the
+    latter two are sums over the steps, chained to the examples last.
     """
-    count, last = turns.shape[0], phases.shape[0] - 1
-    _slope_shares(phases, times, shares)
-    _gather(walk, steps, jacobian)
-    _pace(walk, 2 * jacobian.shape[1] + count, times, steps, shares)
+    times, shares, jacobian = scratch.times, scratch.shares, scratch.jacobian
+    turns, log_lengths = cycle.turns, cycle.clock.log_lengths
+    count, last = turns.shape[0], times.shape[1] - 1
+    _slope_shares(cycle.clock.phases, times, shares)
+    _gather(cycle.rows, scratch.steps, jacobian)
+    _pace(cycle.rows, 2 * jacobian.shape[1] + count, times, scratch.steps, shares)
     per_s = 1.0 / times[0, last]
     forward, rate, sideways = point[0], point[1], point[2]
     for i in range(count):

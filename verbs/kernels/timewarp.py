@@ -10,12 +10,31 @@ Source: F. N. Fritsch and J. Butland, "A method for constructing local monotone 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from verbs.conventions import F64
 from verbs.kernels.compile import kernel
 
-__all__ = ["blend_keytimes", "phase_at", "rate_at", "slopes", "time_at"]
+__all__ = ["Clock", "blend_keytimes", "phase_at", "rate_at", "slopes", "time_at", "warp"]
+
+
+class Clock(NamedTuple):
+    """How a verb's phase and seconds belong together.
+
+    Parameters
+    ----------
+    phases : (M,) float64
+        Canonical phases of the keytimes.
+    log_lengths : (N, M - 1) float64
+        Logarithms of the examples' segment lengths in seconds.
+    looping : bool
+    """
+
+    phases: F64
+    log_lengths: F64
+    looping: bool
 
 
 @kernel
@@ -63,7 +82,7 @@ def slopes(knots: F64, values: F64, periodic: bool, out: F64) -> None:
 
 @kernel
 def _segment(knots: F64, at: float) -> int:
-    """Index of the segment that holds ``at``; the ends hold what lies outside."""
+    """Index of the segment that contains ``at``; the first or last one where it lies outside."""
     segment = 0
     while segment < knots.shape[0] - 2 and at >= knots[segment + 1]:
         segment += 1
@@ -133,3 +152,11 @@ def blend_keytimes(weights: F64, log_lengths: F64, out: F64) -> None:
         for i in range(weights.shape[0]):
             total += weights[i] * log_lengths[i, m]
         out[m + 1] = out[m] + np.exp(total)
+
+
+@kernel
+def warp(weights: F64, clock: Clock, keytimes: F64, tangents: F64) -> float:
+    """Keytimes (M,) and tangents (M,) of weights (N,), as :func:`time_at` takes them; return the duration (s)."""
+    blend_keytimes(weights, clock.log_lengths, keytimes)
+    slopes(clock.phases, keytimes, clock.looping, tangents)
+    return keytimes[keytimes.shape[0] - 1]

@@ -1,57 +1,65 @@
-"""Phase ↔ seconds of blends, batched.
+"""Phase ↔ seconds of blends, and root velocities, batched.
 
 Source: ``docs/math.md``, section "Time".
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from verbs.conventions import F64
 from verbs.kernels import pose, timewarp
 from verbs.kernels.compile import kernel
+from verbs.kernels.timewarp import Clock
 
-__all__ = ["resolve", "velocities"]
+__all__ = ["Instants", "instants", "resolve", "velocities"]
+
+
+class Instants(NamedTuple):
+    """Instants of B motions.
+
+    Parameters
+    ----------
+    phase, time_s : (B,) float64
+        Unwrapped phase: a loop's goes on past 1 (1.5 is the middle of the second cycle). Seconds since the start.
+    duration_s, rate : (B,) float64
+        Seconds per cycle, and seconds per unit of phase there.
+    """
+
+    phase: F64
+    time_s: F64
+    duration_s: F64
+    rate: F64
+
+
+def instants(size: int) -> Instants:
+    """Empty arrays for so many motions."""
+    return Instants(*np.empty((4, size)))
 
 
 @kernel
-def resolve(
-    weights: F64,
-    log_lengths: F64,
-    phases: F64,
-    looping: bool,
-    given_time: bool,
-    at: F64,
-    phase: F64,
-    time_s: F64,
-    duration_s: F64,
-    rate: F64,
-) -> None:
+def resolve(weights: F64, clock: Clock, at: F64, given_time: bool, out: Instants) -> None:
     """Complete phase and time of every batch entry from the one that is given.
 
     Parameters
     ----------
     weights : (B, N) float64
-    log_lengths : (N, M - 1) float64
-        Logarithms of the examples' segment lengths in seconds.
-    phases : (M,) float64
-        Canonical phases of the keytimes.
-    looping : bool
-        A loop's phase goes on past 1 (1.5 is mid second cycle), another motion's ends hold.
-    given_time : bool
-        Whether ``at`` holds seconds or phases.
+    clock : Clock
     at : (B,) float64
-    phase, time_s, duration_s, rate : (B,) float64
-        Written: unwrapped phase, seconds, seconds per cycle, seconds per unit of phase.
+        Seconds or phases; before the start and past the end of a motion that does not loop, its ends.
+    given_time : bool
+        Whether ``at`` contains seconds or phases.
+    out : Instants
+        Written.
     """
-    count = phases.shape[0]
-    keytimes, tangents = np.empty(count), np.empty(count)
+    phases = clock.phases
+    keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     for b in range(weights.shape[0]):
-        timewarp.blend_keytimes(weights[b], log_lengths, keytimes)
-        timewarp.slopes(phases, keytimes, looping, tangents)
-        duration = keytimes[count - 1]
+        duration = timewarp.warp(weights[b], clock, keytimes, tangents)
         whole = duration if given_time else 1.0
-        cycles = np.floor(at[b] / whole) if looping else 0.0
+        cycles = np.floor(at[b] / whole) if clock.looping else 0.0
         rest = min(max(at[b] - cycles * whole, 0.0), whole)
         if given_time:
             local = timewarp.phase_at(phases, keytimes, tangents, rest)
@@ -59,8 +67,8 @@ def resolve(
         else:
             local = rest
             seconds = timewarp.time_at(phases, keytimes, tangents, rest)
-        phase[b], time_s[b], duration_s[b] = local + cycles, seconds + cycles * duration, duration
-        rate[b] = timewarp.rate_at(phases, keytimes, tangents, local)
+        out.phase[b], out.time_s[b], out.duration_s[b] = local + cycles, seconds + cycles * duration, duration
+        out.rate[b] = timewarp.rate_at(phases, keytimes, tangents, local)
 
 
 @kernel

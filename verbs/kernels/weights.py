@@ -7,62 +7,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from verbs.conventions import F64, I64
+from verbs.conventions import F64
 from verbs.kernels import chart as charts
 from verbs.kernels import radial_basis
+from verbs.kernels.chart import DomainArrays
 from verbs.kernels.compile import kernel
+from verbs.kernels.radial_basis import BasisArrays
 
 __all__ = ["cardinal", "clamp"]
 
 
 @kernel
-def clamp(
-    adverbs: F64,
-    kind: int,
-    axes: I64,
-    bend: F64,
-    shift: F64,
-    scale: F64,
-    facets: F64,
-    middle: F64,
-    sharpness: float,
-    out: F64,
-    moved: F64,
-) -> None:
-    """Adverbs (B, D) drawn to the domain, written to ``out`` (B, D); ``moved`` (B,) is 1 where that changed them."""
+def clamp(adverbs: F64, domain: DomainArrays, out: F64, moved: F64) -> None:
+    """Adverbs (B, D) moved back to the domain, to ``out`` (B, D); ``moved`` (B,) is 1 where that changed them."""
     point = np.empty(adverbs.shape[1])
     for b in range(adverbs.shape[0]):
-        charts.to_chart(kind, axes, bend, adverbs[b], point)
-        for a in range(point.shape[0]):
-            point[a] = (point[a] - shift[a]) * scale[a]
+        charts.to_point(domain.chart, adverbs[b], point)
         out[b], moved[b] = adverbs[b], 0.0
-        if charts.clamp(point, facets, middle, sharpness):
+        if charts.clamp(point, domain):
             moved[b] = 1.0
-            for a in range(point.shape[0]):
-                point[a] = point[a] / scale[a] + shift[a]
-            charts.from_chart(kind, axes, bend, point, out[b])
+            charts.from_point(domain.chart, point, out[b])
 
 
 @kernel
-def cardinal(
-    adverbs: F64,
-    kind: int,
-    axes: I64,
-    bend: F64,
-    shift: F64,
-    scale: F64,
-    kernel: int,
-    degree: int,
-    centers: F64,
-    radii: F64,
-    radial: F64,
-    poly: F64,
-    out: F64,
-) -> None:
-    """Weights (B, N) of a cardinal basis at adverbs (B, D), written to ``out``; arrays as in :class:`verbs.Basis`."""
-    point, row = np.empty(adverbs.shape[1]), np.empty(poly.shape[0])
+def cardinal(adverbs: F64, basis: BasisArrays, out: F64) -> None:
+    """Weights (B, N) of a cardinal basis at adverbs (B, D), written to ``out``."""
+    point, row = np.empty(adverbs.shape[1]), np.empty(basis.poly.shape[0])
     for b in range(adverbs.shape[0]):
-        charts.to_chart(kind, axes, bend, adverbs[b], point)
-        for a in range(point.shape[0]):
-            point[a] = (point[a] - shift[a]) * scale[a]
-        radial_basis.evaluate(point, kernel, degree, centers, radii, radial, poly, row, out[b])
+        charts.to_point(basis.chart, adverbs[b], point)
+        radial_basis.evaluate(point, basis, row, out[b])

@@ -1,4 +1,4 @@
-"""Arrays with a row per character: rows are taken, given back, and made more of; and what a frame of some is."""
+"""Arrays with a row per character, which grow with their number; and frames of some characters."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from verbs.conventions import F64, I64
-from verbs.kernels import character_state
+from verbs.kernels.character_state import CHARACTER, Records
 from verbs.runtime.evaluate import Blend
 from verbs.verb import Verb
 
-__all__ = ["Frames", "Slots"]
+__all__ = ["CharacterPool", "Frames"]
 
 _LEAST = 16
 
@@ -24,8 +24,8 @@ class Frames:
     Parameters
     ----------
     blend : Blend
-    ends : (B, 8) float64
-        Phase, seconds and more, see :mod:`verbs.kernels.character_state`.
+    progress : (B,) of :data:`verbs.kernels.character_state.PROGRESS`
+        Phase, seconds, and what the step passed.
     root : (B, 3) float64
         In the world, metres.
     rotations : (B, J, 4) float64
@@ -34,14 +34,14 @@ class Frames:
     """
 
     blend: Blend
-    ends: F64
+    progress: Records
     root: F64
     rotations: F64
     in_transition: npt.NDArray[np.bool_]
 
 
-class Slots:
-    """What is kept of each character of a verb; C rows, of which some are free.
+class CharacterPool:
+    """State of each character of a verb; C rows, of which some are free.
 
     Parameters
     ----------
@@ -49,14 +49,13 @@ class Slots:
 
     Attributes
     ----------
-    state : (C, 13) float64
-        See :mod:`verbs.kernels.character_state`.
-    asked : (C, D) float64
-        Goals: adverbs.
+    state : (C,) of :data:`verbs.kernels.character_state.CHARACTER`
+    goals : (C, D) float64
+        Adverbs.
     """
 
-    state: F64
-    asked: F64
+    state: Records
+    goals: F64
     _shown: F64
     _velocity: F64
     _offsets: F64
@@ -82,18 +81,18 @@ class Slots:
         return np.flatnonzero(self._used)
 
     def errors(self, slots: I64) -> F64:
-        """How far off what was asked (B,) they are shown, metres; NaN before its first frame and out of the domain."""
-        told = (self._known[slots] == 1) & (self._clamped[slots] == 0.0)
-        return np.where(told, self._error[slots], np.nan)
+        """Errors (B,) of displayed poses, metres; NaN before the first frame and outside the domain."""
+        measured = (self._known[slots] == 1) & (self._clamped[slots] == 0.0)
+        return np.where(measured, self._error[slots], np.nan)
 
     def restless(self, slots: I64) -> int:
-        """How many of these have to be blended anew in their next step, or held at their goals: that is more work."""
-        moving = (self.asked[slots] != self._seen[slots]) | (self._velocity[slots] != 0.0)
-        alone = (self._known[slots] == 0) | (self.state[slots, character_state.SHARE] > 0.0)
+        """How many of these need new weights in their next step, or follow their goals: both are more work."""
+        moving = (self.goals[slots] != self._seen[slots]) | (self._velocity[slots] != 0.0)
+        alone = (self._known[slots] == 0) | (self.state["share"][slots] > 0.0)
         return int(np.count_nonzero(moving.any(axis=1) | alone))
 
     def remove(self, slot: int) -> None:
-        """Forget a character; its slot will be another's."""
+        """Remove a character; its slot is free for another."""
         self._free.append(slot)
         self._used[slot] = 0
 
@@ -102,7 +101,7 @@ class Slots:
         if not self._free:
             self._grow(2 * len(self.state))
         slot = self._free.pop()
-        self.state[slot] = 0.0
+        self.state[slot] = np.zeros((), CHARACTER)
         self._used[slot] = 1
         return slot
 
@@ -110,9 +109,10 @@ class Slots:
         """Make room for so many characters."""
         dims, joints, count = len(self.verb.adverbs), len(self.verb.skeleton), len(self.verb.examples)
         had = len(getattr(self, "state", ()))
+        dtypes: dict[str, npt.DTypeLike] = {"state": CHARACTER, "_known": np.int64, "_used": np.int64}
         for name, shape in (
-            ("state", (character_state.COLUMNS,)),
-            ("asked", (dims,)),
+            ("state", ()),
+            ("goals", (dims,)),
             ("_shown", (dims,)),
             ("_velocity", (dims,)),
             ("_offsets", (2, 3 + 3 * joints)),
@@ -125,7 +125,7 @@ class Slots:
             ("_seen", (dims,)),
             ("_used", ()),
         ):
-            larger = np.zeros((capacity, *shape), np.int64 if name in ("_known", "_used") else np.float64)
+            larger = np.zeros((capacity, *shape), dtypes.get(name, np.float64))
             if had:
                 larger[:had] = getattr(self, name)
             setattr(self, name, larger)

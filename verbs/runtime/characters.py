@@ -1,14 +1,13 @@
-"""Characters that live: many of one verb, each with goal, phase, place and transition, stepped together.
+"""Moving characters of one verb, each with goal, phase, position and transition, stepped together.
 
-A server's tick and a game's frame are one call of :meth:`Characters.step`: adverbs run after their goals, phases go
-on, poses come out, in a handful of compiled calls however many characters there are.
+A server's tick and a game's frame are one call of :meth:`Characters.step`: adverbs follow their goals, phases advance,
+poses result, in a few compiled calls for any number of characters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,9 @@ from verbs.errors import OutOfRange
 from verbs.kernels import character_state, inertialization
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
+from verbs.kernels.character_state import PROGRESS, FollowProblem, Records
 from verbs.runtime import transition
-from verbs.runtime.character_pool import Frames, Slots
+from verbs.runtime.character_pool import CharacterPool, Frames
 from verbs.runtime.evaluate import Blend, Evaluator
 
 __all__ = ["HALF_LIFE_S", "MAX_SPEED", "MAX_TRANSITION_S", "RESTART_S", "VERSION_S", "Characters", "Frames"]
@@ -36,7 +36,7 @@ _HALVED = 1.6783469900166605
 """Where (1 + x) · exp(-x) is one half: a critically damped spring from rest has gone half its way."""
 
 
-class Characters(Slots):
+class Characters(CharacterPool):
     """Characters of one verb and method.
 
     Parameters
@@ -59,10 +59,12 @@ class Characters(Slots):
     def __init__(self, evaluator: Evaluator, method: str | None = None) -> None:
         super().__init__(evaluator.verb)
         self.evaluator = evaluator
-        self.method, self._way = evaluator.method(method)
-        self.window = evaluator.follow_window() if isinstance(self._way, Corrected) else None
+        self.method, prepared = evaluator.method(method)
+        self.window = evaluator.follow_window() if isinstance(prepared, Corrected) else None
         self._striding = self.verb.root_motion == poses.STRIDE
-        self._hold = _hold_arguments(self._way) if self.window else ()
+        self._following: FollowProblem | None = None
+        if self.window and isinstance(prepared, Corrected):
+            self._following = _follow_problem(prepared, self.window)
 
     def add(
         self,
@@ -100,8 +102,8 @@ class Characters(Slots):
         """
         row = self.row(adverbs)
         slot = self._take()
-        self.state[slot, [character_state.SPEED, character_state.FRESH]] = 1.0
-        self.asked[slot] = row
+        self.state["speed"][slot] = self.state["fresh"][slot] = 1.0
+        self.goals[slot] = row
         self._shown[slot] = self.verb.domain.chart.points(row[None])[0]
         self._velocity[slot] = 0.0
         self._known[slot] = 0
@@ -134,7 +136,7 @@ class Characters(Slots):
 
     def aim(self, slot: int, row: F64) -> None:
         """Give a character another goal (D,), which was checked."""
-        self.asked[slot] = row
+        self.goals[slot] = row
 
     def set(
         self,
@@ -157,35 +159,35 @@ class Characters(Slots):
             if value is not None and not low <= value <= high:  # NaN compares false, so this catches it as well
                 raise OutOfRange(f"{name} is {value}; it must lie between {low:g} and {high:g}")
         if phase is not None:
-            row[character_state.PHASE], row[character_state.FRESH] = phase, 1.0
+            row["phase"], row["fresh"] = phase, 1.0
         if speed is not None:
-            row[character_state.SPEED] = speed
+            row["speed"] = speed
         if playing is not None:
-            row[character_state.PLAYING] = playing
+            row["playing"] = playing
         if looping is not None:
-            row[character_state.LOOP] = looping
+            row["looping"] = looping
         if following is not None:
-            row[character_state.FOLLOWS] = following
+            row["following"] = following
         if half_life_s is not None:
-            row[character_state.DECAY] = _HALVED / half_life_s if half_life_s > 0 else 0.0
+            row["decay"] = _HALVED / half_life_s if half_life_s > 0 else 0.0
 
     def phase(self, slot: int) -> float:
         """Where a character is in its motion."""
-        return float(self.state[slot, character_state.PHASE])
+        return float(self.state["phase"][slot])
 
     def step(self, slots: I64, step_s: float) -> Frames:
         """The next frame of the characters in ``slots`` (B,), each at most once, ``step_s`` > 0 seconds on."""
         size = len(slots)
         adverbs, blend = self._blend(slots, step_s)
-        ends = np.empty((size, character_state.REPORTS))
-        self._advance(slots, step_s, self.state, blend.weights, ends)
-        if len(over := np.flatnonzero(ends[:, character_state.RESTARTED])):
+        progress = np.empty(size, PROGRESS)
+        self._advance(slots, step_s, self.state, blend.weights, progress)
+        if len(over := np.flatnonzero(progress["restarted"])):
             self._restart(slots[over], step_s)
-        if self._hold and character_state.any_held(slots, self.state):
+        if self._following and character_state.any_following(slots, self.state):
             self._follow(slots, step_s, self.state, adverbs, blend)
-        root, rotations = np.empty((size, 3)), np.empty((size, len(self.verb.skeleton), 4))
-        self._pose(slots, step_s, self.state, self._offsets, self._last, blend.weights, ends, root, rotations)
-        return Frames(blend, ends, root, rotations, self.state[slots, character_state.LENGTH] > 0)
+        displayed = self.state, self._offsets, self._last
+        root, rotations = self._pose(slots, step_s, displayed, blend.weights, progress)
+        return Frames(blend, progress, root, rotations, self.state["transition_s"][slots] > 0)
 
     def go_on(
         self,
@@ -224,30 +226,25 @@ class Characters(Slots):
             raise OutOfRange(f"transition_s is {transition_s}; it must lie between 0 and {MAX_TRANSITION_S:g}")
         was = other.state[slot].copy()
         if same:
-            adverbs, phase = other.asked[slot], other.phase(slot)
+            adverbs, phase = other.goals[slot], other.phase(slot)
         elif phase is None:
-            phase = transition.start_phase(other.verb, other.phase(slot), self.verb, speed=was[character_state.SPEED])
-        new = self.add(adverbs, phase=phase, speed=float(was[character_state.SPEED]))
+            phase = transition.start_phase(other.verb, other.phase(slot), self.verb, speed=was["speed"])
+        new = self.add(adverbs, phase=phase, speed=float(was["speed"]))
         row = self.state[new]
-        kept = [character_state.DECAY, character_state.STEP]
+        kept = ["decay", "step_s"]
         if same:
-            kept += [
-                character_state.LOOP,
-                character_state.SHARE,
-                character_state.X,
-                character_state.Z,
-                character_state.HEADING,
-            ]
+            kept += ["looping", "share", "x", "z", "heading"]
             self._steer_as(new, other, slot)
-        row[kept] = was[kept]
-        row[character_state.PLAYING] = was[character_state.PLAYING] if same else 1.0
-        if was[character_state.FRESH] == 1.0 and was[character_state.STEP] == 0.0:
+        for name in kept:
+            row[name] = was[name]
+        row["playing"] = was["playing"] if same else 1.0
+        if was["fresh"] == 1.0 and was["step_s"] == 0.0:
             return new  # nobody has seen it yet
         if same:  # whatever is asked of one is asked of both, so compare what is ahead of both
-            self._last[new], row[character_state.FRESH] = other._ahead(np.array([slot]), passing=True)[0], 0.0
+            self._last[new], row["fresh"] = other._ahead(np.array([slot]), passing=True)[0], 0.0
             inertialization.step_back(self._last[new])
         else:
-            self._last[new], row[character_state.FRESH] = other._last[slot], 2.0
+            self._last[new], row["fresh"] = other._last[slot], 2.0
             self._stand(new, other.world(slot))
         self._begin(new, self._ahead(np.array([new]))[0], transition_s)
         return new
@@ -255,7 +252,7 @@ class Characters(Slots):
     def world(self, slot: int) -> tuple[float, float, float]:
         """Where a character's root was shown last: x, z (m) and heading (rad)."""
         last = self._last[slot, 1]
-        turn = float(self.state[slot, character_state.HEADING]) if self._striding else transition.heading(last[3:7])
+        turn = float(self.state["heading"][slot]) if self._striding else transition.heading(last[3:7])
         return float(last[0]), float(last[2]), turn
 
     def warm(self) -> None:
@@ -278,12 +275,12 @@ class Characters(Slots):
         """Adverbs (B, D) that are shown now, and what they come to; blended anew only where they moved."""
         chart, size = self.verb.domain.chart, len(slots)
         points, moved = np.empty((size, len(self.verb.adverbs))), np.empty(size, np.int64)
-        goals = chart.points(self.asked[slots])
+        goals = chart.points(self.goals[slots])
         count = character_state.steer(
             slots, step_s, self.state, goals, self._shown, self._velocity, self._known, points, moved
         )
         adverbs = chart.adverbs(points)
-        self._seen[slots] = self.asked[slots]
+        self._seen[slots] = self.goals[slots]
         if count:
             rows = moved[:count]
             fresh = self.evaluator.blend(adverbs[rows], method=self.method)
@@ -310,15 +307,15 @@ class Characters(Slots):
 
     def _stand(self, slot: int, at: tuple[float, float, float]) -> None:
         """Put a character's next frame at a place (x, z, heading)."""
-        place = [character_state.X, character_state.Z, character_state.HEADING]
-        self.state[slot, place] = 0.0
+        row = self.state[slot]
+        row["x"] = row["z"] = row["heading"] = 0.0
         first = self._ahead(np.array([slot]))[0, 0]
         turn = 0.0 if self._striding else transition.heading(first[3:7])
-        self.state[slot, place] = transition.placed(at, np.array([first[0], first[2], turn]))
+        row["x"], row["z"], row["heading"] = transition.placed(at, np.array([first[0], first[2], turn]))
 
     def _restart(self, slots: I64, step_s: float) -> None:
-        """Let motions that started over pass from their ends to their starts, a jump from where it led."""
-        self.state[slots, character_state.STEP] = step_s
+        """Let motions that started over pass from their progress to their starts, a jump from where it led."""
+        self.state["step_s"][slots] = step_s
         if self.verb.measure.kind == measures.JUMP:
             for slot in slots.tolist():
                 self._stand(slot, self.world(slot))
@@ -329,9 +326,9 @@ class Characters(Slots):
     def _begin(self, slot: int, ahead: F64, transition_s: float) -> None:
         """Start a transition from the last frames to the two of the motion that is ahead."""
         row = self.state[slot]
-        row[[character_state.SINCE, character_state.LENGTH]] = 0.0, transition_s
+        row["since_s"], row["transition_s"] = 0.0, transition_s
         if transition_s > 0:
-            inertialization.begin(row[character_state.STEP], self._last[slot], ahead, self._offsets[slot])
+            inertialization.begin(row["step_s"], self._last[slot], ahead, self._offsets[slot])
         else:
             self._last[slot] = ahead[0]
 
@@ -342,62 +339,50 @@ class Characters(Slots):
         """
         size, verb = len(slots), self.verb
         state, shown, velocity = self.state[slots], self._shown[slots], self._velocity[slots]
-        step_s, chart, known = float(state[0, character_state.STEP]), verb.domain.chart, self._known[slots]
-        state[:, character_state.LENGTH] *= passing
-        fresh = state[:, character_state.FRESH] > 0
-        state[:, character_state.FRESH] = 2.0 * fresh  # both frames are steps, the first of 0 s
-        goals, points = chart.points(self.asked[slots]), np.empty_like(shown)
-        ends, root, rotations = (
-            np.empty((size, character_state.REPORTS)),
-            np.empty((size, 3)),
-            np.empty((size, len(verb.skeleton), 4)),
-        )
+        step_s, chart, known = float(state["step_s"][0]), verb.domain.chart, self._known[slots]
+        state["transition_s"] *= passing
+        state["fresh"] = 2.0 * (state["fresh"] > 0)  # both frames are steps, the first of 0 s
+        goals, points = chart.points(self.goals[slots]), np.empty_like(shown)
+        progress = np.empty(size, PROGRESS)
         last, rows, moved = np.zeros((size, *self._last.shape[1:])), np.arange(size), np.empty(size, np.int64)
         kept, offsets = self._kept(slots), self._offsets[slots]
         for step in (0.0, step_s):
             if character_state.steer(rows, step, state, goals, shown, velocity, known, points, moved):
                 kept = self.evaluator.blend(chart.adverbs(points), method=self.method)
             blend = kept
-            self._advance(rows, step, state, blend.weights, ends)
-            if self._hold and character_state.any_held(rows, state):
+            self._advance(rows, step, state, blend.weights, progress)
+            if self._following and character_state.any_following(rows, state):
                 blend = replace(kept, weights=kept.weights.copy(), error=kept.error.copy())
                 self._follow(rows, step, state, chart.adverbs(points), blend)
-            self._pose(rows, step, state, offsets, last, blend.weights, ends, root, rotations)
+            self._pose(rows, step, (state, offsets, last), blend.weights, progress)
         return last
 
-    def _advance(self, slots: I64, step_s: float, state: F64, weights: F64, ends: F64) -> None:
-        verb = self.verb
-        character_state.advance(
-            slots, step_s, state, weights, self.evaluator.goal.log_lengths, verb.phases, verb.looping, ends
-        )
+    def _advance(self, slots: I64, step_s: float, state: Records, weights: F64, progress: Records) -> None:
+        character_state.advance(slots, step_s, state, weights, self.evaluator.goal.clock, progress)
 
     def _pose(
-        self,
-        slots: I64,
-        step_s: float,
-        state: F64,
-        offsets: F64,
-        last: F64,
-        weights: F64,
-        ends: F64,
-        root: F64,
-        rotations: F64,
-    ) -> None:
-        verb = self.verb
+        self, slots: I64, step_s: float, displayed: tuple[Records, F64, F64], weights: F64, progress: Records
+    ) -> tuple[F64, F64]:
+        """Root (B, 3) and rotations (B, J, 4) in the world; ``displayed`` are state, offsets and last frames."""
+        verb, (state, offsets, last) = self.verb, displayed
+        root, rotations = np.empty((len(slots), 3)), np.empty((len(slots), len(verb.skeleton), 4))
         if self._striding:
-            character_state.walk(slots, state, weights, verb.strides, ends)
-        phases = np.ascontiguousarray(ends[:, character_state.AT])
+            character_state.walk(slots, state, weights, verb.strides, progress)
+        phases = np.ascontiguousarray(progress["phase"])
         poses.blend_single(weights, phases, verb.curves, verb.rotation_mode, verb.references, root, rotations)
-        inertialization.settle(slots, step_s, state, offsets, last, self._striding, root, rotations)
+        inertialization.apply(slots, step_s, state, offsets, last, self._striding, root, rotations)
+        return root, rotations
 
-    def _follow(self, slots: I64, step_s: float, state: F64, adverbs: F64, blend: Blend) -> None:
+    def _follow(self, slots: I64, step_s: float, state: Records, adverbs: F64, blend: Blend) -> None:
+        """Correct the weights of characters that are paused in the follow window, in place."""
         goal, inside = self.evaluator.goal, self.evaluator.clamp(adverbs)[0]
-        goals, asked, window = goal.points(inside), goal.points(adverbs), np.array(self.window)
-        character_state.hold(slots, step_s, state, window, goals, asked, blend.weights, blend.error, *self._hold)
+        targets = goal.points(inside), goal.points(adverbs)
+        assert self._following is not None  # else no character follows
+        character_state.follow(slots, step_s, state, targets, blend.weights, blend.error, self._following)
 
 
-def _hold_arguments(way: Any) -> tuple[Any, ...]:
-    """The arguments of :func:`verbs.kernels.character_state.hold` that do not change."""
-    goal, verb = way.goal, way.goal.verb
-    chain = verb.skeleton.chain(verb.measure.effector)[:-1]
-    return (verb.curves, chain, way.held, way.scale, way.rules, verb.rotation_mode, goal.references, goal.offsets)
+def _follow_problem(method: Corrected, window: tuple[float, float]) -> FollowProblem:
+    """Everything that :func:`verbs.kernels.character_state.follow` needs of a verb."""
+    verb, chain = method.goal.verb, method.goal.chain
+    joints = verb.skeleton.chain(verb.measure.effector)[:-1]
+    return FollowProblem(*window, verb.curves, joints, method.correction, chain.mode, chain.references, chain.offsets)

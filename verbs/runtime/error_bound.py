@@ -79,7 +79,7 @@ def polish(evaluator: Evaluator, blend: Blend, adverbs: F64, *, limit_rad: float
     at_keytime = evaluator.pose_of(blend, phase=float(verb.phases[verb.measure.keytime]))
     locals_ = np.ascontiguousarray(at_keytime.rotations[0, chain])
     turns, target = np.empty((len(chain), 3)), goal.points(adverbs)[0]
-    polish_kernel(at_keytime.root[0], locals_, goal.offsets, target, limit_rad, DAMPING_M2, turns)
+    polish_kernel(at_keytime.root[0], locals_, goal.chain.offsets, target, limit_rad, DAMPING_M2, turns)
     rotations = at_keytime.rotations.copy()
     rotations[0, chain] = quat.mul(locals_, quat.exp(turns))
     _, places = evaluator.positions(replace(at_keytime, rotations=rotations))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,10 +16,12 @@ from verbs.blend.corrected import Corrected
 from verbs.conventions import F64
 from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
 from verbs.goal import Goal
-from verbs.kernels import corrected_position, timing
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as kernels
+from verbs.kernels import timing
 from verbs.kernels import weights as weighting
+from verbs.kernels.compile import entry_point
+from verbs.kernels.corrected_position import Blended, PositionProblem, corrected_position
 from verbs.runtime.follow import follow_window
 from verbs.verb import Verb
 
@@ -102,7 +104,9 @@ class Evaluator:
         self.goal = Goal.of_verb(verb)
         self._names = [adverb.name for adverb in verb.adverbs]
         self._shape = (len(verb.examples), len(verb.measure.axes))
-        self._hot: tuple[Any, ...] | None = None
+        self._problem: PositionProblem | None = None
+        self._corrected: Callable[..., Any] | None = None
+        self._resolve: Callable[..., Any] | None = None
         self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
         self.follow_window = lru_cache(maxsize=1)(self._follow_window)
 
@@ -169,39 +173,27 @@ class Evaluator:
         return self.measure(name, chosen.weights(inside), adverbs, clamped)
 
     def _corrected_position(self, method: Corrected, adverbs: F64) -> Blend:
-        """The hot path: :meth:`blend` for the default of most verbs, in one compiled call."""
-        if self._hot is None:
-            self._hot = _hot_arguments(self.goal, method)
+        """The fast path: :meth:`blend` for the default of most verbs, in one compiled call."""
         size, shape = len(adverbs), self._shape
-        weights, measured = np.empty((size, shape[0])), np.empty((size, shape[1]))
-        error, moved = np.empty(size), np.empty(size)
-        corrected_position.corrected_position(adverbs, weights, measured, error, moved, *self._hot)
-        return Blend("corrected", weights, measured, error, moved > 0)
+        out = Blended(np.empty((size, shape[0])), np.empty((size, shape[1])), np.empty(size), np.empty(size))
+        if self._problem is None or self._corrected is None:
+            goal, basis, domain = self.goal, method.basis.arrays, self.verb.domain.arrays
+            self._problem = PositionProblem(domain, basis, method.correction, goal.chain, goal.space)
+            self._corrected = entry_point(corrected_position, np.empty_like(adverbs), self._problem, out)
+        self._corrected(adverbs, self._problem, out)
+        return Blend("corrected", out.weights, out.measured, out.error, out.moved > 0)
 
     def measure(self, method: str, weights: F64, adverbs: F64, clamped: npt.NDArray[np.bool_]) -> Blend:
         """Measure what weights (B, N) reach against what adverbs (B, D) ask."""
         if not self.goal.measurable:
             return Blend(method, weights, np.zeros((len(weights), 0)), np.full(len(weights), np.nan), clamped)
-        measured, error = self.goal.compare(adverbs, self.goal.reached(weights))
+        measured, error = self.goal.compare(adverbs, self.goal.measured(weights))
         return Blend(method, weights, measured, error, clamped)
 
     def clamp(self, adverbs: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
         """Adverbs (B, D) drawn back to the domain's surroundings, and where that moved them (B,)."""
-        domain, chart = self.verb.domain, self.verb.domain.chart
         out, moved = np.empty_like(adverbs), np.empty(len(adverbs))
-        weighting.clamp(
-            adverbs,
-            chart.kind,
-            chart.axes,
-            chart.bend,
-            chart.shift,
-            chart.scale,
-            domain.facets,
-            domain.middle,
-            domain.sharpness,
-            out,
-            moved,
-        )
+        weighting.clamp(adverbs, self.verb.domain.arrays, out, moved)
         return out, moved > 0
 
     def pose(
@@ -247,20 +239,21 @@ class Evaluator:
             weights = np.ascontiguousarray(np.broadcast_to(weights, (size, weights.shape[1])))
         if len(at) != size:
             at = np.ascontiguousarray(np.broadcast_to(at, size))
-        phases, times, durations, rates = np.empty((4, size))
-        timing.resolve(
-            weights, self.goal.log_lengths, verb.phases, verb.looping, time_s is not None, at, phases, times,
-            durations, rates,
-        )  # fmt: skip
+        found = timing.instants(size)
+        if self._resolve is None:
+            like = np.empty_like(weights), self.goal.clock, np.empty_like(at), False, found
+            self._resolve = entry_point(timing.resolve, *like)
+        self._resolve(weights, self.goal.clock, at, time_s is not None, found)
+        phases = found.phase
         root, rotations = np.empty((size, 3)), np.empty((size, len(verb.skeleton), 4))
         local = phases % 1.0 if verb.looping else phases
         kernels.blend(weights, local, verb.curves, verb.rotation_mode, verb.references, root, rotations)
         velocity = None
         if verb.root_motion == kernels.STRIDE:
             velocity = np.empty((size, 3))
-            timing.velocities(weights, verb.strides, phases, rates, verb.looping, velocity)
+            timing.velocities(weights, verb.strides, phases, found.rate, verb.looping, velocity)
             kernels.travel(weights, verb.strides, phases, verb.looping, one_walk, root, rotations)
-        return Poses(blend, phases, times, durations, root, rotations, velocity)
+        return Poses(blend, phases, found.time_s, found.duration_s, root, rotations, velocity)
 
     def _check_instant(self, at: F64, *, given_time: bool) -> None:
         name, top = ("time", 3600.0) if given_time else ("phase", MAX_CYCLES if self.verb.looping else 1.0)
@@ -284,19 +277,3 @@ class Evaluator:
         poses = self.pose(self.verb.values[:1], phase=0.0)
         self.pose_of(poses.blend, time_s=0.0)
         self.positions(poses)
-
-
-def _hot_arguments(goal: Goal, method: Corrected) -> tuple[Any, ...]:
-    """The arguments of :func:`verbs.kernels.corrected_position.corrected_position` that do not change."""
-    verb, basis = goal.verb, method.basis
-    domain, measure = verb.domain, verb.measure
-    outer, inner = domain.chart, basis.chart
-    return (
-        *(outer.kind, outer.axes, outer.bend, outer.shift, outer.scale),
-        *(domain.facets, domain.middle, domain.sharpness),
-        *(inner.kind, inner.axes, inner.bend, inner.shift, inner.scale),
-        *(basis.kernel, basis.degree, basis.centers, basis.radii, basis.radial, basis.poly),
-        *(method.held, method.scale, method.rules, verb.rotation_mode),
-        *(goal.starts, goal.chain, goal.references, goal.offsets),
-        *(measure.axes, measure.origin, measure.frame, goal.inverse),
-    )

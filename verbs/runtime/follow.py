@@ -13,8 +13,9 @@ import numpy as np
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
 from verbs.conventions import F64
-from verbs.kernels import character_state, correction
+from verbs.kernels import character_state
 from verbs.kernels import measure as measures
+from verbs.kernels.corrected_position import correct_positions, effector_positions
 
 __all__ = ["follow_window"]
 
@@ -59,12 +60,11 @@ def _inside(method: Corrected) -> F64:
 def _forced(method: Corrected, adverbs: F64, phase: float) -> tuple[float, float]:
     """Largest sum of absolute weights, and largest miss (m), of poses at a phase that are forced to their goals."""
     goal, verb = method.goal, method.goal.verb
-    chain = verb.skeleton.chain(verb.measure.effector)[:-1]
-    starts, rows = np.empty((3, len(verb.examples))), np.empty((4 * len(chain), len(verb.examples)))
-    character_state.goals_at(phase, verb.curves, chain, starts, rows)
+    chain = goal.chain._replace(roots=np.empty_like(goal.chain.roots), rows=np.empty_like(goal.chain.rows))
+    joints = verb.skeleton.chain(verb.measure.effector)[:-1]
+    character_state.chain_at(phase, verb.curves, joints, chain.roots, chain.rows)
     weights, goals = basis_weights(method.basis, adverbs), goal.points(adverbs)
-    parts = (verb.rotation_mode, starts, rows, goal.references, goal.offsets)
-    correction.correct_positions(weights, goals, method.held, method.scale, method.rules, *parts)
-    reached = np.empty_like(goals)
-    correction.reach_positions(weights, *parts, reached)
-    return float(np.abs(weights).sum(axis=1).max()), float(np.linalg.norm(reached - goals, axis=1).max())
+    correct_positions(weights, goals, method.correction, chain)
+    points = np.empty_like(goals)
+    effector_positions(weights, chain, points)
+    return float(np.abs(weights).sum(axis=1).max()), float(np.linalg.norm(points - goals, axis=1).max())

@@ -12,6 +12,7 @@ from verbs.errors import OutOfRange, RequestError
 from verbs.kernels import pose as kernels
 from verbs.kernels import timewarp, timing
 from verbs.kernels.compile import kernel
+from verbs.kernels.timewarp import Clock
 from verbs.motion import Motion
 from verbs.runtime.evaluate import Blend, Evaluator, Poses
 
@@ -144,11 +145,10 @@ def events(evaluator: Evaluator, poses: Poses) -> list[Event]:
         marks = [(name, phase) for name, phase in marks if phase <= last + _SLACK]
     at = np.array([phase for _, phase in marks])
     if len(poses.blend.weights) == 1:
-        phases, times, durations, rates = np.empty((4, len(at)))
+        found = timing.instants(len(at))
         weights = np.ascontiguousarray(np.broadcast_to(poses.blend.weights, (len(at), len(verb.examples))))
-        timing.resolve(
-            weights, evaluator.goal.log_lengths, verb.phases, verb.looping, False, at, phases, times, durations, rates
-        )
+        timing.resolve(weights, evaluator.goal.clock, at, False, found)
+        times = found.time_s
     else:
         times = np.interp(at, poses.phase, poses.time_s)
     return [Event(name, phase, time) for (name, phase), time in zip(marks, times.tolist(), strict=True)]
@@ -177,15 +177,13 @@ def _phases(
     evaluator: Evaluator, times: F64, rows: F64, fps: float, cycles: int, method: str | None, max_frames: int
 ) -> F64:
     """Phases (F,) of a tracked motion's frames, up to the last one that is not past the end."""
-    verb, step = evaluator.verb, 1.0 / fps
+    step = 1.0 / fps
     pieces, frames, phase = [np.zeros(1)], 1, 0.0
     while True:
         middles = np.asarray((frames - 0.5 + np.arange(_CHUNK)) * step, np.float64)
         blend = evaluator.blend(_along(times, rows, middles), method=method)
         piece = np.empty(_CHUNK)
-        count = _advance(
-            blend.weights, evaluator.goal.log_lengths, verb.phases, verb.looping, step, phase, float(cycles), piece
-        )
+        count = _advance(blend.weights, evaluator.goal.clock, step, phase, float(cycles), piece)
         pieces.append(piece[:count])
         frames += count
         if frames > max_frames:
@@ -199,50 +197,35 @@ def _placed(evaluator: Evaluator, blend: Blend, phases: F64, at: F64) -> Poses:
     """Poses of one blend per frame; a striding root walks on from frame to frame."""
     verb, size = evaluator.verb, len(phases)
     local = phases % 1.0 if verb.looping else phases
-    resolved, at_rest, durations, rates = np.empty((4, size))
-    timing.resolve(
-        blend.weights,
-        evaluator.goal.log_lengths,
-        verb.phases,
-        verb.looping,
-        False,
-        phases,
-        resolved,
-        at_rest,
-        durations,
-        rates,
-    )
+    found = timing.instants(size)
+    timing.resolve(blend.weights, evaluator.goal.clock, phases, False, found)
     root, rotations = np.empty((size, 3)), np.empty((size, len(verb.skeleton), 4))
     kernels.blend(blend.weights, local, verb.curves, verb.rotation_mode, verb.references, root, rotations)
     velocity = None
     if verb.root_motion == kernels.STRIDE:
         velocity = np.empty((size, 3))
-        timing.velocities(blend.weights, verb.strides, phases, rates, verb.looping, velocity)
+        timing.velocities(blend.weights, verb.strides, phases, found.rate, verb.looping, velocity)
         kernels.travel(blend.weights, verb.strides, phases, verb.looping, True, root, rotations)
-    return Poses(blend, phases, at, durations, root, rotations, velocity)
+    return Poses(blend, phases, at, found.duration_s, root, rotations, velocity)
 
 
 @kernel
-def _advance(
-    weights: F64, log_lengths: F64, phases: F64, looping: bool, step_s: float, start: float, end: float, out: F64
-) -> int:
+def _advance(weights: F64, clock: Clock, step_s: float, start: float, end: float, out: F64) -> int:
     """Phases (B,) after each of B steps, each at its own weights (B, N); return how many do not pass ``end``."""
-    count = phases.shape[0]
-    keytimes, tangents = np.empty(count), np.empty(count)
+    phases = clock.phases
+    keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     at = start
     for b in range(weights.shape[0]):
-        timewarp.blend_keytimes(weights[b], log_lengths, keytimes)
-        timewarp.slopes(phases, keytimes, looping, tangents)
-        cycle = np.floor(at) if looping else 0.0
-        left = timewarp.time_at(phases, keytimes, tangents, at - cycle) + step_s
-        duration = keytimes[count - 1]
-        if looping:
-            cycle += np.floor(left / duration)
-            left -= np.floor(left / duration) * duration
-        past = 0.0 if looping else left - duration
+        duration = timewarp.warp(weights[b], clock, keytimes, tangents)
+        cycle = np.floor(at) if clock.looping else 0.0
+        seconds = timewarp.time_at(phases, keytimes, tangents, at - cycle) + step_s
+        if clock.looping:
+            cycle += np.floor(seconds / duration)
+            seconds -= np.floor(seconds / duration) * duration
+        past = 0.0 if clock.looping else seconds - duration
         if past > _SLACK * step_s:
             return b
-        at = cycle + timewarp.phase_at(phases, keytimes, tangents, min(left, duration))
+        at = cycle + timewarp.phase_at(phases, keytimes, tangents, min(seconds, duration))
         if at > end + _SLACK * step_s / duration:
             return b
         out[b] = at

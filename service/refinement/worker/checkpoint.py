@@ -76,7 +76,7 @@ class Checkpoint:
         arrays = {name: np.ascontiguousarray(getattr(basis, name)) for name in _ARRAYS}
         arrays |= {f"chart.{name}": np.ascontiguousarray(getattr(chart, name)) for name in _CHART}
         facts = {
-            "kind": chart.kind, "kernel": basis.kernel, "degree": basis.degree, "condition": basis.condition,
+            "kind": chart.kind, "kernel": basis.radial_basis, "degree": basis.degree, "condition": basis.condition,
             "marks": [asdict(mark) for mark in self.marks], "curves": self.curves,
         }  # fmt: skip
         return bytes(save(arrays, metadata={"checkpoint": json.dumps(facts, sort_keys=True)}))
@@ -89,7 +89,7 @@ class Checkpoint:
         facts: dict[str, Any] = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["checkpoint"])
         chart = Chart(facts["kind"], *(arrays[f"chart.{name}"] for name in _CHART))
         basis = Basis(
-            chart=chart, kernel=facts["kernel"], degree=facts["degree"], condition=facts["condition"],
+            chart=chart, radial_basis=facts["kernel"], degree=facts["degree"], condition=facts["condition"],
             **{name: arrays[name] for name in _ARRAYS},
         )  # fmt: skip
         curves = tuple(tuple((int(n), mean, top) for n, mean, top in curve) for curve in facts["curves"])

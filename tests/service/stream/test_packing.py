@@ -30,15 +30,15 @@ def frames_of(count, rotations, weights=None):
         np.full(count, 0.125),
         np.zeros(count, np.bool_),
     )
-    ends = np.zeros((count, character_state.REPORTS))
-    ends[:, [character_state.AT, character_state.TIME, character_state.DURATION]] = 0.5, 1.25, 2.5
-    return Frames(blend, ends, np.tile([0.25, 1.0, -0.5], (count, 1)), rotations, np.zeros(count, np.bool_))
+    progress = np.zeros(count, character_state.PROGRESS)
+    progress["phase"], progress["time_s"], progress["duration_s"] = 0.5, 1.25, 2.5
+    return Frames(blend, progress, np.tile([0.25, 1.0, -0.5], (count, 1)), rotations, np.zeros(count, np.bool_))
 
 
 def golden_message() -> bytes:
     """Three records of one pose: f32 of two joints, q48 of three, and weights."""
     frames = frames_of(3, np.tile(POSE, (3, 1, 1)))
-    frames.blend.clamped[1], frames.in_transition[1], frames.ends[2, character_state.ENDED] = True, True, 1.0
+    frames.blend.clamped[1], frames.in_transition[1], frames.progress["ended"][2] = True, True, 1.0
     frames.blend.error[2] = np.nan
     layouts = [
         Layout("f32", "local", "gltf", np.array([0, 1]), 3),

@@ -78,7 +78,7 @@ async def test_adverbs_that_follow_an_open_are_those_of_the_character_it_opened(
         await client.until("pong")
         assert [text["op"] for text in client.texts if text["op"] == "error"] == []
         channel = server.hub.sessions[client.hello["session"]].channels[2]
-        assert channel.group.characters.asked[channel.slot].tolist() == pytest.approx([0.5, 0.1])
+        assert channel.group.characters.goals[channel.slot].tolist() == pytest.approx([0.5, 0.1])
 
 
 async def test_a_flood_of_adverbs_is_heard_to_its_end(server):
@@ -88,7 +88,7 @@ async def test_a_flood_of_adverbs_is_heard_to_its_end(server):
         for k in range(20 * TURN):
             await client.aim(0, 0.3 + 0.0001 * k, 0.2)
         last = pytest.approx([0.3 + 0.0001 * (20 * TURN - 1), 0.2])
-        await eventually(lambda: channel.group.characters.asked[channel.slot].tolist() == last)
+        await eventually(lambda: channel.group.characters.goals[channel.slot].tolist() == last)
 
 
 async def test_wrong_binary_messages_are_told_in_order(server):

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from service.messages import CLIENT, SERVER
-from verbs.characters import Frames
-from verbs.evaluate import Blend
 
+from service.stream.messages import CLIENT, SERVER
 from service.stream.packing import HEADER, OP_POSES, WIRE, Layout, Targets, pack
-from verbs.kernels import live
+from verbs.kernels import character_state
+from verbs.runtime.characters import Frames
+from verbs.runtime.evaluate import Blend
 
 FILE = Path(__file__).parents[2] / "golden" / "wire_vectors.v1.json"
 VECTORS = json.loads(FILE.read_text(encoding="utf-8"))
@@ -26,11 +26,11 @@ def encode(record) -> bytes:
     root = np.array(record.get("root", [0.0, 0.0, 0.0]), np.float64)[None]
     error = np.array([np.nan if record["error"] is None else record["error"]])
     flags = record["flags"]
-    ends = np.zeros((1, live.REPORTS))
-    ends[0, [live.AT, live.TIME, live.DURATION]] = record["phase"], record["time"], record["duration"]
-    ends[0, live.ENDED] = float(bool(flags & 8))
+    progress = np.zeros(1, character_state.PROGRESS)
+    progress["phase"], progress["time_s"], progress["duration_s"] = record["phase"], record["time"], record["duration"]
+    progress["ended"] = float(bool(flags & 8))
     blend = Blend("", weights, np.zeros((1, 0)), error, np.array([bool(flags & 1)]))
-    frames = Frames(blend, ends, root, pose, np.array([bool(flags & 2)]))
+    frames = Frames(blend, progress, root, pose, np.array([bool(flags & 2)]))
     layout = Layout(record["encoding"], "local", "gltf", np.arange(pose.shape[1]), weights.shape[1])
     words = np.zeros(layout.words, np.uint32)
     head = record["channel"] | (flags & NEW_VERSION) << 24

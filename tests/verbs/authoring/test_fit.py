@@ -42,17 +42,17 @@ def test_basis_equals_the_plain_twin(arm):
 
 
 @pytest.mark.parametrize(
-    ("kernel", "name"),
+    ("function", "name"),
     [
         (radial_basis.BIHARMONIC, "linear"),
         (radial_basis.THIN_PLATE, "thin_plate_spline"),
         (radial_basis.CUBIC, "cubic"),
     ],
 )
-def test_radial_functions_equal_scipys(kernel, name):
+def test_radial_functions_equal_scipys(function, name):
     r = np.linspace(0, 3, 50)
     points = np.zeros((1, 1))
-    ours = [radial_basis.phi(kernel, value) for value in r]
+    ours = [radial_basis.phi(function, value) for value in r]
     # scipy's kernel matrix, seen through an interpolant of one point with no polynomial tail
     interpolant = RBFInterpolator(points + 1.0, np.ones(1), kernel=name, degree=-1, smoothing=1.0)
     np.testing.assert_allclose(ours, interpolant(r[:, None] + 1.0) / float(interpolant._coeffs[0, 0]), atol=1e-12)

@@ -167,7 +167,7 @@ def test_control_on_mocap_linear_weights_miss_the_goal(mocap, verb_of):
     verb = verb_of("punch")
     evaluator, points = Evaluator(verb), accuracy_points(verb).adverbs
     weights = Barycentric.of_verb(verb).weights(points)
-    assert 0.08 < evaluator.goal.compare(points, evaluator.goal.reached(weights))[1].mean() < 0.16
+    assert 0.08 < evaluator.goal.compare(points, evaluator.goal.measured(weights))[1].mean() < 0.16
 
 
 def test_control_on_mocap_authored_tetrahedra_leave_gaps(mocap, verb_of):

@@ -16,6 +16,8 @@ from verbs.domain import accuracy_points, random_points
 from verbs.goal import Goal
 from verbs.io import bvh
 from verbs.kernels import correction, quat
+from verbs.kernels.corrected_position import chain_scratch, position_jacobian
+from verbs.kernels.corrected_velocity import velocity_jacobian
 from verbs.motion import Motion
 from verbs.quality.leave_one_out import subset
 from verbs.quality.smoothness import smoothness, zoom_ratios
@@ -58,13 +60,6 @@ def test_exactness_does_not_cost_smoothness(mocap, verb_of, name):
     assert exact <= KAPPA[name] * paper
 
 
-def chain_of(goal):
-    """The arrays of a position's Jacobian, scratch included."""
-    links = len(goal.references)
-    scratch = (np.empty((links, 4)), np.empty((links, 4)), np.empty((links, 4)), np.empty((2, 3, 4)))
-    return goal.starts, goal.chain, goal.references, goal.offsets, *scratch
-
-
 @pytest.mark.parametrize("name", [*POSITIONS, "locomotion", "jump"])
 def test_jacobian_equals_central_differences(mocap, verb_of, name):
     verb = verb_of(name)
@@ -74,27 +69,25 @@ def test_jacobian_equals_central_differences(mocap, verb_of, name):
         weights = np.random.default_rng(seed).dirichlet(np.full(count, 0.3))
         weights += 0.3 * (np.random.default_rng(seed + 50).dirichlet(np.full(count, 0.3)) - 1.0 / count)
         if name == "locomotion":
-            shares = np.empty((2, count))
-            correction.velocity_jacobian(weights, verb.strides, verb.phases, goal.log_lengths, point, jacobian, shares)
+            velocity_jacobian(weights, verb.strides, goal.clock, point, jacobian)
         elif name == "jump":
             correction.jump_jacobian(weights, goal.roots, point, jacobian)
         else:
-            chain = chain_of(goal)
-            correction.position_jacobian(weights, verb.rotation_mode, *chain, point, jacobian)
+            scratch = chain_scratch(len(goal.chain.references))
+            position_jacobian(weights, goal.chain, scratch, point, jacobian)
         steps = 1e-5 * np.eye(count)
-        numeric = (goal.reached(weights + steps) - goal.reached(weights - steps)).T / 2e-5
+        numeric = (goal.measured(weights + steps) - goal.measured(weights - steps)).T / 2e-5
         np.testing.assert_allclose(jacobian, numeric, atol=1e-7)
-        np.testing.assert_allclose(point, goal.reached(weights[None])[0], atol=1e-12)
+        np.testing.assert_allclose(point, goal.measured(weights[None])[0], atol=1e-12)
 
 
 def test_jacobian_of_rotation_vectors_equals_central_differences(tmp_path):
     verb = library.load("arm3")
     goal, count = Goal.of_verb(verb), len(verb.examples)
     weights, point, jacobian = np.full(count, 1.0 / count), np.empty(3), np.empty((3, count))
-    chain = chain_of(goal)
-    correction.position_jacobian(weights, verb.rotation_mode, *chain, point, jacobian)
+    position_jacobian(weights, goal.chain, chain_scratch(len(goal.chain.references)), point, jacobian)
     steps = 1e-5 * np.eye(count)
-    numeric = (goal.reached(weights + steps) - goal.reached(weights - steps)).T / 2e-5
+    numeric = (goal.measured(weights + steps) - goal.measured(weights - steps)).T / 2e-5
     np.testing.assert_allclose(jacobian, numeric, atol=1e-8)
 
 

@@ -82,7 +82,7 @@ def test_the_result_is_no_worse_than_the_start(reach, points):
 def test_the_default_cost_is_the_squared_error(reach, points):
     method, weights = Inverse.of_verb(reach), np.random.default_rng(0).dirichlet(np.ones(24), 100)
     goal = Goal.of_verb(reach)
-    error = goal.compare(points, goal.reached(weights))[1]
+    error = goal.compare(points, goal.measured(weights))[1]
     np.testing.assert_allclose(method.cost(points, weights), error**2, rtol=1e-9)
 
 
@@ -158,7 +158,7 @@ def test_style_is_met_beside_the_goal():
     method, weights = Inverse.of_verb(tired, k=9), np.random.default_rng(0).dirichlet(np.ones(9), 20)
     asked = random_points(tired, np.random.default_rng(1), 20, gauge=(0.0, 0.3))
     goal = Goal.of_verb(tired)
-    error = goal.compare(asked, goal.reached(weights))[1]
+    error = goal.compare(asked, goal.measured(weights))[1]
     extent = np.linalg.norm(np.ptp(arm.values, axis=0)) / 100.0
     wanted = error**2 + (extent * (weights @ values[:, 2] - asked[:, 2])) ** 2
     np.testing.assert_allclose(method.cost(asked, weights), wanted, rtol=1e-9)

@@ -23,7 +23,7 @@ def method(reach):
 
 def error(verb, method, points):
     goal = Evaluator(verb).goal
-    return goal.compare(points, goal.reached(method.weights(points)))[1].mean()
+    return goal.compare(points, goal.measured(method.weights(points)))[1].mean()
 
 
 def test_weights_sum_to_one_and_stay_near_the_examples_mixes(reach, method):
@@ -42,9 +42,9 @@ def test_pseudo_examples_stand_where_their_blends_reach(reach, method):
     goal = Evaluator(reach).goal
     mixes = np.zeros((len(method.members), len(reach.examples)))
     np.add.at(mixes, (np.arange(len(mixes))[:, None], method.members), method.shares)
-    reached = goal.reached(mixes)
+    reached = goal.measured(mixes)
     np.testing.assert_allclose(reach.domain.chart.points(reached), method.tree.data, atol=1e-9)
-    np.testing.assert_allclose(goal.reached(method.weights(reached)), reached, atol=1e-9)
+    np.testing.assert_allclose(goal.measured(method.weights(reached)), reached, atol=1e-9)
 
 
 def test_unmeasured_pseudo_examples_stand_at_the_mean_of_values():

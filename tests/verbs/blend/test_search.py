@@ -18,7 +18,7 @@ from verbs.verb import Adverb
 
 def errors(verb, points, iterations, *, basis="rbf"):
     goal, method = Goal.of_verb(verb), Search.of_verb(verb, basis=basis, iterations=iterations)
-    return goal.compare(points, goal.reached(method.weights(points)))[1]
+    return goal.compare(points, goal.measured(method.weights(points)))[1]
 
 
 def grid(verb):
@@ -59,7 +59,7 @@ def test_weights_are_those_of_the_basis_at_the_places_found():
 def test_places_lie_along_the_error():
     arm = library.load("arm3")
     points, method = grid(arm), Search.of_verb(arm)
-    measured, _ = method.goal.compare(points, method.goal.reached(basis_weights(method.basis, points)))
+    measured, _ = method.goal.compare(points, method.goal.measured(basis_weights(method.basis, points)))
     moved, error = method.places(points) - points, points - measured
     lengths = (moved * error).sum(axis=1) / np.maximum((error**2).sum(axis=1), 1e-30)
     np.testing.assert_allclose(moved, lengths[:, None] * error, atol=1e-12)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from verbs.kernels import character_state
+from verbs.kernels.timewarp import Clock
 
 RATE = 1.6783469900166605  # (1 + x) · exp(-x) is one half here
 
@@ -13,8 +14,8 @@ RATE = 1.6783469900166605  # (1 + x) · exp(-x) is one half here
 def steered(goal, steps, *, half_life_s=0.1, shown=None, velocity=None):
     """Path (F, D) of one character that runs after a goal, in steps of these seconds; its velocity at the end."""
     goal = np.atleast_2d(np.asarray(goal, float))
-    state = np.zeros((1, character_state.COLUMNS))
-    state[0, character_state.DECAY] = RATE / half_life_s if half_life_s else 0.0
+    state = np.zeros(1, character_state.CHARACTER)
+    state["decay"][0] = RATE / half_life_s if half_life_s else 0.0
     shown = np.zeros_like(goal) if shown is None else shown.copy()
     velocity = np.zeros_like(goal) if velocity is None else velocity.copy()
     slot, known, out, moved = np.zeros(1, np.int64), np.ones(1, np.int64), np.empty_like(goal), np.empty(1, np.int64)
@@ -67,7 +68,7 @@ def test_a_goal_is_reached_exactly_and_then_nothing_moves():
 
 
 def test_only_those_that_move_are_said_to():
-    state, goals = np.zeros((4, character_state.COLUMNS)), np.zeros((3, 2))
+    state, goals = np.zeros(4, character_state.CHARACTER), np.zeros((3, 2))
     shown, velocity, known = np.zeros((4, 2)), np.zeros((4, 2)), np.array([1, 1, 0, 1])
     goals[2] = 1.0
     slots, moved, out = np.array([3, 2, 1]), np.empty(3, np.int64), np.empty((3, 2))
@@ -81,22 +82,17 @@ LENGTHS = np.log([[0.5, 1.5]])  # one example of 2 s
 
 
 def advanced(phase, *, speed=1.0, loop=0.0, looping=False, steps=(0.1,), fresh=0.0, playing=1.0):
-    """Rows of ``ends`` (F, REPORTS) of one character, and its state."""
-    state = np.zeros((1, character_state.COLUMNS))
-    columns = [
-        character_state.PHASE,
-        character_state.SPEED,
-        character_state.PLAYING,
-        character_state.LOOP,
-        character_state.FRESH,
-    ]
-    state[0, columns] = phase, speed, playing, loop, fresh
+    """Progress (F,) of one character, step by step, and its state."""
+    state = np.zeros(1, character_state.CHARACTER)
+    for name, value in (("phase", phase), ("speed", speed), ("playing", playing), ("looping", loop), ("fresh", fresh)):
+        state[name] = value
     rows = []
     for step_s in steps:
-        ends = np.full((1, character_state.REPORTS), np.nan)
-        character_state.advance(np.zeros(1, np.int64), step_s, state, np.ones((1, 1)), LENGTHS, PHASES, looping, ends)
-        state[0, character_state.FRESH] = 0.0
-        rows.append(ends[0])
+        progress = np.zeros(1, character_state.PROGRESS)
+        clock = Clock(PHASES, LENGTHS, looping)
+        character_state.advance(np.zeros(1, np.int64), step_s, state, np.ones((1, 1)), clock, progress)
+        state["fresh"][0] = 0.0
+        rows.append(progress[0])
     return np.array(rows), state[0]
 
 
@@ -104,30 +100,30 @@ def test_seconds_pass_at_the_speed_that_is_set():
     for speed in (1.0, 2.0, 0.3, -1.0):
         rows, _ = advanced(0.5, speed=speed, steps=[0.1, 0.05])
         again, _ = advanced(0.5, speed=0.0)
-        np.testing.assert_allclose(rows[:, 1] - again[0, 1], np.array([0.1, 0.15]) * speed, atol=1e-12)
-        np.testing.assert_allclose(rows[:, 2], 2.0)
+        np.testing.assert_allclose(rows["time_s"] - again["time_s"][0], np.array([0.1, 0.15]) * speed, atol=1e-12)
+        np.testing.assert_allclose(rows["duration_s"], 2.0)
 
 
 @pytest.mark.parametrize(("speed", "start", "end"), [(1.0, 0.9, 1.0), (10.0, 0.0, 1.0), (-1.0, 0.1, 0.0)])
 def test_an_end_is_reported_once_and_holds(speed, start, end):
     rows, state = advanced(start, speed=speed, steps=[0.3] * 12)
-    ended = rows[:, character_state.ENDED]
+    ended = rows["ended"]
     assert ended.sum() == 1
-    after = rows[int(ended.argmax()) :, 0]
+    after = rows["phase"][int(ended.argmax()) :]
     assert np.all(after == end)
-    assert state[character_state.PLAYING] == 0.0
-    assert rows[:, character_state.PASSED][int(ended.argmax()) + 1 :].sum() == 0
+    assert state["playing"] == 0.0
+    assert rows["passed"][int(ended.argmax()) + 1 :].sum() == 0
 
 
 @pytest.mark.parametrize("looping", [True, False])
 def test_a_loop_goes_round(looping):
     rows, _ = advanced(0.0, loop=1.0, looping=looping, steps=[0.7] * 9)
-    np.testing.assert_allclose(rows[:, 1], 0.7 * np.arange(1, 10) % 2.0, atol=1e-9)
-    assert rows[:, character_state.RESTARTED].sum() == (0 if looping else 3)
+    np.testing.assert_allclose(rows["time_s"], 0.7 * np.arange(1, 10) % 2.0, atol=1e-9)
+    assert rows["restarted"].sum() == (0 if looping else 3)
     back, _ = advanced(0.0, loop=1.0, looping=looping, speed=-1.0, steps=[0.7] * 9)
-    np.testing.assert_allclose(back[:, 1], -0.7 * np.arange(1, 10) % 2.0, atol=1e-9)
-    gone = [np.sum(way[:, character_state.TO] - way[:, character_state.FROM]) for way in (rows, back)]
-    np.testing.assert_allclose(gone, [3 + rows[-1, character_state.AT], back[-1, character_state.AT] - 4], atol=1e-12)
+    np.testing.assert_allclose(back["time_s"], -0.7 * np.arange(1, 10) % 2.0, atol=1e-9)
+    gone = [np.sum(way["stop"] - way["start"]) for way in (rows, back)]
+    np.testing.assert_allclose(gone, [3 + rows["phase"][-1], back["phase"][-1] - 4], atol=1e-12)
 
 
 @pytest.mark.parametrize("looping", [True, False])
@@ -135,50 +131,44 @@ def test_who_is_held_at_the_end_of_a_loop_stays_there(looping):
     """Its end is the start of the next cycle, but nobody has walked that one."""
     for kept in ({"speed": 0.0}, {"playing": 0.0}, {"fresh": 1.0}, {"speed": -1.0, "fresh": 1.0}):
         rows, _ = advanced(1.0, loop=1.0, looping=looping, **kept)
-        assert rows[0, character_state.AT] == 1.0
-        assert rows[0, character_state.RESTARTED] == 0.0
-        assert abs(rows[0, character_state.TO] - rows[0, character_state.FROM]) < 2e-9
+        assert rows["phase"][0] == 1.0
+        assert rows["restarted"][0] == 0.0
+        assert abs(rows["stop"][0] - rows["start"][0]) < 2e-9
 
 
 def test_many_cycles_in_one_step():
     rows, _ = advanced(0.2, loop=1.0, looping=True, speed=10.0, steps=[1.0])
-    assert rows[0, character_state.TO] == pytest.approx(5.2)
-    assert rows[0, character_state.PASSED] == 1.0
+    assert rows["stop"][0] == pytest.approx(5.2)
+    assert rows["passed"][0] == 1.0
 
 
 def test_keytimes_pass_where_they_are_and_nowhere_else():
     rows, _ = advanced(0.0, steps=[0.2] * 10, fresh=1.0)
-    assert np.flatnonzero(rows[:, character_state.PASSED]).tolist() == [
+    assert np.flatnonzero(rows["passed"]).tolist() == [
         0,
         3,
     ]  # the start; 0.5 s, as the first frame stands
     back, _ = advanced(1.0, speed=-1.0, steps=[0.2] * 14, fresh=1.0)
-    assert np.flatnonzero(back[:9, character_state.PASSED]).tolist() == [0, 8]
-    assert back[np.argmax(back[:, character_state.ENDED]), character_state.PASSED] == 1.0  # the start, as it is reached
+    assert np.flatnonzero(back["passed"][:9]).tolist() == [0, 8]
+    assert back["passed"][np.argmax(back["ended"])] == 1.0  # the start, as it is reached
 
 
-def walked(state, ends, weights, strides):
-    character_state.walk(np.zeros(1, np.int64), state, weights, strides, ends)
-    return state[0, [character_state.X, character_state.Z, character_state.HEADING]].copy()
+def walked(state, start, stop, weights, strides):
+    progress = np.zeros(1, character_state.PROGRESS)
+    progress["start"], progress["stop"] = start, stop
+    character_state.walk(np.zeros(1, np.int64), state, weights, strides, progress)
+    return np.array(state[["x", "z", "heading"]][0].tolist())
 
 
-def test_the_way_back_undoes_the_way_there():
+def test_walking_back_undoes_walking_forward():
     rng = np.random.default_rng(1)
-    strides, weights, state = (
-        rng.normal(size=(9, 2, 3)) * 0.2,
-        np.array([[0.7, 0.3]]),
-        np.zeros((1, character_state.COLUMNS)),
-    )
-    state[0, [character_state.X, character_state.Z, character_state.HEADING]] = 1.0, 2.0, 3.0
+    strides, weights = rng.normal(size=(9, 2, 3)) * 0.2, np.array([[0.7, 0.3]])
+    state = np.zeros(1, character_state.CHARACTER)
+    state["x"], state["z"], state["heading"] = 1.0, 2.0, 3.0
     marks = [0.0, 0.05, 0.31, 0.99, 1.02, 2.7]
     seen = [np.array([1.0, 2.0, 3.0])]
-    for start, stop in itertools.pairwise(marks):
-        ends = np.zeros((1, character_state.REPORTS))
-        ends[0, [character_state.FROM, character_state.TO]] = start, stop
-        seen.append(walked(state, ends, weights, strides))
+    seen += [walked(state, start, stop, weights, strides) for start, stop in itertools.pairwise(marks)]
     for k in range(len(marks) - 1, 0, -1):
-        ends[0, [character_state.FROM, character_state.TO]] = (
-            marks[k] - np.floor(marks[k]),
-            marks[k - 1] - np.floor(marks[k]),
-        )
-        np.testing.assert_allclose(walked(state, ends, weights, strides), seen[k - 1], atol=1e-12)
+        cycle = np.floor(marks[k])
+        back = walked(state, marks[k] - cycle, marks[k - 1] - cycle, weights, strides)
+        np.testing.assert_allclose(back, seen[k - 1], atol=1e-12)

@@ -8,10 +8,12 @@ AXES = np.array([0, 1, 2])
 
 
 def there_and_back(kind, adverbs, bend=(0.0, 0.0, 0.0, 1.0)):
-    coordinates, back = np.empty(len(adverbs)), np.empty(len(adverbs))
-    chart.to_chart(kind, AXES, np.array(bend), adverbs, coordinates)
-    chart.from_chart(kind, AXES, np.array(bend), coordinates, back)
-    return coordinates, back
+    dims = len(adverbs)
+    arrays = chart.ChartArrays(kind, AXES, np.array(bend), np.full(dims, 0.3), np.linspace(0.5, 2.0, dims))
+    points, back = np.empty((1, dims)), np.empty((1, dims))
+    chart.normalise(adverbs[None], arrays, points)
+    chart.denormalise(points, arrays, back)
+    return points[0], back[0]
 
 
 @pytest.mark.parametrize("kind", [chart.IDENTITY, chart.CYLINDER])
@@ -47,7 +49,7 @@ def test_the_clamp_leaves_the_hull_alone(domain):
     mixes = np.random.default_rng(2).dirichlet(np.full(30, 0.2), 500) @ hull.chart.points(values)
     for point in (*mixes, *hull.chart.points(values)):
         moved = point.copy()
-        assert not chart.clamp(moved, hull.facets, hull.middle, hull.sharpness)
+        assert not chart.clamp(moved, hull.arrays)
         np.testing.assert_array_equal(moved, point)
 
 
@@ -57,7 +59,7 @@ def test_the_clamp_bounds_and_does_not_jump(domain):
         before = None
         for far in np.linspace(0.5, 40.0, 400):
             point = hull.middle + far * direction / np.linalg.norm(direction)
-            chart.clamp(point, hull.facets, hull.middle, hull.sharpness)
+            chart.clamp(point, hull.arrays)
             assert chart.gauge(point, hull.facets, hull.middle, hull.sharpness) <= chart.LAST_GAUGE + 1e-9
             if before is not None:
                 assert np.linalg.norm(point - before) < 40.0 / 400 + 1e-9

@@ -10,7 +10,7 @@ from verbs.kernels import character_state, inertialization, quat
 
 def test_what_is_left_starts_as_it_was_ends_at_rest_and_is_never_pushed_hard():
     shares = np.linspace(0.0, 1.0, 2_001)
-    keep, carry = np.array([inertialization._left(u) for u in shares]).T
+    keep, carry = np.array([inertialization._factors(u) for u in shares]).T
     step = shares[1]
     speed, push = (np.array([np.diff(one, n) / step**n for one in (keep, carry)]) for n in (1, 2))
     np.testing.assert_allclose([keep[0], carry[0], keep[-1], carry[-1]], [1.0, 0.0, 0.0, 0.0], atol=1e-15)
@@ -39,7 +39,7 @@ def passed_over(step_s: float, length: float = 0.3):
     source, target = turning(rng, len(SKELETON)), turning(rng, len(SKELETON))
     slot, width = np.zeros(1, np.int64), 3 + 4 * len(SKELETON)
     state, last, offsets = (
-        np.zeros((1, character_state.COLUMNS)),
+        np.zeros(1, character_state.CHARACTER),
         np.zeros((1, 2, width)),
         np.zeros((1, 2, width - len(SKELETON))),
     )
@@ -49,11 +49,11 @@ def passed_over(step_s: float, length: float = 0.3):
         if k == 1:
             ahead = np.array([np.append(*(part.ravel() for part in target(n * step_s))) for n in range(2)])
             inertialization.begin(step_s, last[0], ahead, offsets[0])
-            state[0, [character_state.SINCE, character_state.LENGTH]] = 0.0, length
+            state["since_s"], state["transition_s"] = 0.0, length
         root, rotations = (source if k <= 0 else target)(k * step_s)
-        inertialization.settle(slot, step_s, state, offsets, last, False, root, rotations)
+        inertialization.apply(slot, step_s, state, offsets, last, False, root, rotations)
         frames.append(last[0, 1].copy())
-    assert state[0, character_state.LENGTH] == 0.0
+    assert state["transition_s"][0] == 0.0
     np.testing.assert_allclose(frames[-1], np.append(*(part.ravel() for part in target((after - 1) * step_s))))
     frames = np.array(frames)
     quaternions = frames[:, 3:].reshape(len(frames), -1, 4)
@@ -99,10 +99,10 @@ def test_a_step_back_is_as_long_as_the_one_ahead():
 
 def test_where_a_character_appears_it_does_not_move():
     """Else a switch right after a seek would carry on the leap."""
-    state, last = np.zeros((1, character_state.COLUMNS)), np.full((1, 2, 7), 9.0)
-    state[0, character_state.FRESH] = 1.0
+    state, last = np.zeros(1, character_state.CHARACTER), np.full((1, 2, 7), 9.0)
+    state["fresh"][0] = 1.0
     root, rotations = np.array([[1.0, 2.0, 3.0]]), np.array([[[0.0, 0.0, 0.0, 1.0]]])
-    inertialization.settle(np.zeros(1, np.int64), 0.1, state, np.zeros((1, 2, 6)), last, False, root, rotations)
+    inertialization.apply(np.zeros(1, np.int64), 0.1, state, np.zeros((1, 2, 6)), last, False, root, rotations)
     np.testing.assert_array_equal(last[0, 0], last[0, 1])
-    assert state[0, character_state.STEP] == 0.1
-    assert state[0, character_state.FRESH] == 0.0
+    assert state["step_s"][0] == 0.1
+    assert state["fresh"][0] == 0.0

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
-from verbs.kernels import correction, measure, root_velocity, timewarp
+from verbs.kernels import measure, root_velocity, timewarp
+from verbs.kernels.corrected_velocity import velocity_jacobian
 from verbs.kernels.pose import stride_to
+from verbs.kernels.timewarp import Clock
 
 LOOPS = [
     (220, 19, (0.0, 0.27, 0.5, 0.77, 1.0)),
@@ -46,25 +48,24 @@ def speeds_as_defined(weights, strides, phases, log_lengths):
 @pytest.mark.parametrize("turn", [0.0, 0.02, 0.3])
 def test_speeds_are_those_of_the_definition(shape, turn):
     strides, phases, log_lengths = loop(*shape, turn=turn)
-    turns = np.empty(shape[1])
-    walk, weights = root_velocity.walk_of(strides, phases, turns), blends(shape[1], 20)
-    reached = np.empty((20, 3))
-    measure.root_velocities(weights, walk, turns, phases, log_lengths, reached)
+    cycle, weights = root_velocity.cycle_of(strides, Clock(phases, log_lengths, True)), blends(shape[1], 20)
+    measured = np.empty((20, 3))
+    measure.root_velocities(weights, cycle, measured)
     wanted = [speeds_as_defined(row, strides, phases, log_lengths) for row in weights]
-    np.testing.assert_allclose(reached, wanted, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(measured, wanted, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", LOOPS)
 def test_jacobian_equals_central_differences(shape):
     strides, phases, log_lengths = loop(*shape)
-    turns, count = np.empty(shape[1]), shape[1]
-    walk = root_velocity.walk_of(strides, phases, turns)
+    clock, count = Clock(phases, log_lengths, True), shape[1]
+    cycle = root_velocity.cycle_of(strides, clock)
     point, jacobian, ends = np.empty(3), np.empty((3, count)), np.empty((2, count, 3))
     for weights in blends(count, 5):
-        correction.velocity_jacobian(weights, strides, phases, log_lengths, point, jacobian, np.empty((2, count)))
+        velocity_jacobian(weights, strides, clock, point, jacobian)
         steps = 1e-5 * np.eye(count)
         for way, sign in enumerate((1.0, -1.0)):
-            measure.root_velocities(weights + sign * steps, walk, turns, phases, log_lengths, ends[way])
+            measure.root_velocities(weights + sign * steps, cycle, ends[way])
         np.testing.assert_allclose(jacobian, (ends[0] - ends[1]).T / 2e-5, rtol=1e-7, atol=1e-7)
         np.testing.assert_allclose(point, speeds_as_defined(weights, strides, phases, log_lengths), atol=1e-12)
 

@@ -64,7 +64,7 @@ def test_segments_stay_positive_far_outside_and_with_wild_weights(mocap, verb_of
     far = evaluator.pose(np.array([[9.0, 5.0, -4.0], [-3.0, -6.0, 2.0]]), phase=np.array([0.2, 0.7]))
     assert np.all(far.duration_s > 0)
     rng = np.random.default_rng(8)
-    logs = evaluator.goal.log_lengths
+    logs = evaluator.goal.clock.log_lengths
     for _ in range(300):
         weights = rng.normal(size=logs.shape[0])
         weights += (1.0 - weights.sum()) / len(weights)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from tests.verbs.living import FPS, STEP_S, accelerations, joints, own_peak, play, unsigned
 from verbs import Characters, Evaluator, library
 from verbs.errors import OutOfRange, RequestError, UnknownName
-from verbs.kernels import character_state
 from verbs.runtime.characters import RESTART_S
 from verbs.runtime.sequence import sequence
 
@@ -48,13 +47,14 @@ def test_a_resting_character_stands_in_the_pose_of_its_adverbs(people_of, name):
     people = people_of(name)
     rows, phases = mixes(people, 12), np.linspace(0.0, 0.95, 12)
     slots = np.array([people.add(row, phase=phase, playing=False) for row, phase in zip(rows, phases, strict=True)])
-    people.window, window, people._hold, hold = None, people.window, (), people._hold  # following is tested elsewhere
+    window, following = people.window, people._following
+    people.window = people._following = None  # following is tested elsewhere
     frames = people.step(slots, STEP_S)
-    people.window, people._hold = window, hold
+    people.window, people._following = window, following
     poses = people.evaluator.pose(rows, phase=phases)
     np.testing.assert_allclose(frames.blend.weights, poses.blend.weights, atol=1e-12)
-    np.testing.assert_allclose(frames.ends[:, character_state.AT], phases, atol=1e-12)
-    np.testing.assert_allclose(frames.ends[:, character_state.TIME], poses.time_s, atol=1e-12)
+    np.testing.assert_allclose(frames.progress["phase"], phases, atol=1e-12)
+    np.testing.assert_allclose(frames.progress["time_s"], poses.time_s, atol=1e-12)
     if not people.verb.looping:  # a loop walks from where it was put, not from its phase 0
         np.testing.assert_allclose(frames.root, poses.root, atol=SINGLE)
         np.testing.assert_allclose(frames.rotations, poses.rotations, atol=SINGLE)
@@ -91,7 +91,7 @@ def test_phases_go_on_as_in_a_sequence(people_of, name, fps):
     poses = sequence(people.evaluator, row[None], fps, cycles=3 if people.verb.looping else 1)
     slot = people.add(row)
     root, rotations, frames = play(people, slot, len(poses.phase), step_s=1 / fps)
-    phases = np.array([frame.ends[0, character_state.AT] for frame in frames])
+    phases = np.array([frame.progress["phase"][0] for frame in frames])
     expected = poses.phase % 1.0 if people.verb.looping else poses.phase
     np.testing.assert_allclose(np.abs((phases - expected + 0.5) % 1.0 - 0.5), 0.0, atol=1e-9)
     np.testing.assert_allclose(root[:, 0], poses.root, atol=SINGLE)
@@ -115,7 +115,7 @@ def test_a_root_does_not_jolt_where_a_cycle_ends(people_of):
     for row in ([1.2, 0.0, 0.0], WALK, [3.5, 0.0, 0.0], [0.3, 0.0, 0.8]):
         slot = people.add(np.array(row))
         root, _, frames = play(people, slot, 400)
-        seams = np.flatnonzero(np.diff([frame.ends[0, character_state.AT] for frame in frames]) < 0)
+        seams = np.flatnonzero(np.diff([frame.progress["phase"][0] for frame in frames]) < 0)
         pushed = accelerations(root[:, 0, None])[:, 0]
         near = np.zeros(len(pushed), bool)
         for seam in seams:
@@ -128,16 +128,16 @@ def test_a_root_does_not_jolt_where_a_cycle_ends(people_of):
 def test_speed_and_pause(reach):
     slot = reach.add(speed=2.0)
     _, _, frames = play(reach, slot, 31)
-    assert frames[-1].ends[0, character_state.TIME] == pytest.approx(1.0)
+    assert frames[-1].progress["time_s"][0] == pytest.approx(1.0)
     reach.set(slot, speed=0.0)
     _, _, still = play(reach, slot, 3)
-    assert all(frame.ends[0, character_state.AT] == frames[-1].ends[0, character_state.AT] for frame in still)
+    assert all(frame.progress["phase"][0] == frames[-1].progress["phase"][0] for frame in still)
     reach.set(slot, speed=-1.0, playing=False)
-    assert play(reach, slot, 3)[2][-1].ends[0, character_state.TIME] == pytest.approx(1.0)
+    assert play(reach, slot, 3)[2][-1].progress["time_s"][0] == pytest.approx(1.0)
     reach.set(slot, playing=True)
-    assert play(reach, slot, 30)[2][-1].ends[0, character_state.TIME] == pytest.approx(0.5)
+    assert play(reach, slot, 30)[2][-1].progress["time_s"][0] == pytest.approx(0.5)
     reach.set(slot, phase=0.8)
-    assert play(reach, slot, 1)[2][0].ends[0, character_state.AT] == 0.8  # a phase is shown before it goes on
+    assert play(reach, slot, 1)[2][0].progress["phase"][0] == 0.8  # a phase is shown before it goes on
     reach.remove(slot)
 
 
@@ -145,9 +145,9 @@ def test_a_motion_ends_once_and_holds(reach):
     for speed, end in ((1.0, 1.0), (-2.0, 0.0)):
         slot = reach.add(speed=speed, phase=0.5)
         _, rotations, frames = play(reach, slot, 300)
-        ended = np.array([frame.ends[0, character_state.ENDED] for frame in frames])
+        ended = np.array([frame.progress["ended"][0] for frame in frames])
         assert ended.sum() == 1
-        assert frames[-1].ends[0, character_state.AT] == end
+        assert frames[-1].progress["phase"][0] == end
         at = int(ended.argmax())
         np.testing.assert_array_equal(rotations[at:], np.broadcast_to(rotations[at], rotations[at:].shape))
         reach.remove(slot)
@@ -161,7 +161,7 @@ def test_a_motion_that_starts_over_passes_from_its_end_to_its_start(people_of, n
     for row in mixes(people, 3, 4):
         slot = people.add(row, looping=True, speed=speed, phase=0.9 if speed > 0 else 0.1)
         root, rotations, frames = play(people, slot, 120)
-        seam = int(np.argmax([frame.ends[0, character_state.RESTARTED] for frame in frames]))
+        seam = int(np.argmax([frame.progress["restarted"][0] for frame in frames]))
         passing = [bool(frame.in_transition[0]) for frame in frames]
         assert sum(passing) == pytest.approx(RESTART_S * FPS, abs=1)
         assert passing[seam]
@@ -236,7 +236,7 @@ def test_who_has_settled_is_not_blended_again(people_of, monkeypatch):
     monkeypatch.undo()
     chart = people.verb.domain.chart
     settled = chart.adverbs(chart.points(goal[None]))
-    fresh = people.evaluator.pose(settled, phase=float(frame.ends[0, character_state.AT]))
+    fresh = people.evaluator.pose(settled, phase=float(frame.progress["phase"][0]))
     np.testing.assert_array_equal(frame.blend.weights, fresh.blend.weights)
     np.testing.assert_array_equal(frame.blend.error, fresh.blend.error)
     np.testing.assert_allclose(rotations[0], fresh.rotations, atol=SINGLE)
@@ -353,7 +353,7 @@ def act(troupes, cast, one):
             assert np.isfinite(frames.root).all()
             assert np.abs(np.linalg.norm(frames.rotations, axis=-1) - 1.0).max(initial=0.0) < 1e-9
             assert np.isfinite(frames.blend.weights).all()
-            assert ((frames.ends[:, character_state.AT] >= 0) & (frames.ends[:, character_state.AT] <= 1)).all()
+            assert ((frames.progress["phase"] >= 0) & (frames.progress["phase"] <= 1)).all()
     elif cast:
         who, slot = cast[rest[0] % len(cast)]
         if kind == "remove":

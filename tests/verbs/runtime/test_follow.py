@@ -128,7 +128,7 @@ def test_a_goal_is_followed_at_once_where_a_held_pose_appears(people_of):
     slot = people.add(inside(people), phase=people.window[0], speed=0.0)
     _, _, (shown,) = play(people, slot, 1)
     assert shown.blend.error[0] < 1e-6
-    assert people.state[slot, character_state.SHARE] == 1.0
+    assert people.state["share"][slot] == 1.0
     people.remove(slot)
 
 

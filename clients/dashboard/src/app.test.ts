@@ -1,9 +1,9 @@
 import { beforeEach, expect, test, vi } from "vitest";
 import { Page } from "./app";
-import type { Opened, Rest, Shown, Verb, VerbSummary, View } from "./contracts";
 import { createStore, DEFAULTS } from "./store";
+import type { Opened, Rest, Shown, Verb, VerbSummary, View } from "./types";
 import type { Port } from "./wire/client";
-import type { FromWorker, ToWorker, Wish } from "./wire/messages";
+import type { FromWorker, ToWorker, Wish } from "./wire/worker_messages";
 
 const REACH = verb("reach", ["x", "y"]);
 const ARM = verb("arm3", ["x", "y"]);

@@ -1,7 +1,10 @@
 /** The page without its looks: what is served, what is wanted, what is shown. */
 
-import { OtherVersion } from "./against";
 import { Problem } from "./api/rest";
+import { OtherVersion } from "./comparison";
+import { crowdGoals } from "./crowd";
+import { Emitter } from "./emitter";
+import { Hold } from "./pause_at_goal";
 import type {
   App,
   AppEvents,
@@ -15,13 +18,10 @@ import type {
   Store,
   Verb,
   VerbSummary,
-} from "./contracts";
-import { crowdGoals } from "./crowd";
-import { Emitter } from "./emitter";
-import { Hold } from "./hold";
+} from "./types";
 import { byName, effectorPhase, holdPhase, inOrder } from "./verb";
 import { type Heard, type Port, StreamClient } from "./wire/client";
-import type { Drawn, Motion, Seek } from "./wire/messages";
+import type { Drawn, Motion, Seek } from "./wire/worker_messages";
 
 const FIRST_CHOICE = "reach";
 const RETRY_MS = 2000;

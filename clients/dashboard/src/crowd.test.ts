@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
-import type { Verb } from "./contracts";
 import { crowdGoals } from "./crowd";
+import type { Verb } from "./types";
 
 /** Two adverbs, examples on the corners of a square of side 2. */
 const verb = {

@@ -1,6 +1,6 @@
 /** A crowd's goals: spread over the examples' hull, the same ones each time. */
 
-import type { Verb } from "./contracts";
+import type { Verb } from "./types";
 
 /** Steps of a low-discrepancy sequence of two numbers: powers of the plastic number. */
 const STEPS = [0.7548776662466927, 0.5698402909980532] as const;

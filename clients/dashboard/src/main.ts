@@ -2,7 +2,7 @@
 
 import { createRest } from "./api/rest";
 import { Page } from "./app";
-import type { Stage, View } from "./contracts";
+import { publish } from "./published_state";
 import { createStage } from "./scene/stage";
 import { h } from "./shell/dom";
 import { header } from "./shell/header";
@@ -14,7 +14,7 @@ import { transport } from "./shell/transport";
 import { verbTab } from "./shell/verb_tab";
 import { createStore, readView, syncAddress } from "./store";
 import { Colours } from "./theme";
-import { publish } from "./window";
+import type { Stage, View } from "./types";
 import { openWorker } from "./wire/client";
 
 const CAMERA_DIGITS = 3;

@@ -1,7 +1,7 @@
 import fc from "fast-check";
 import { expect, test, vi } from "vitest";
-import type { Against, View } from "./contracts";
 import { createStore, DEFAULTS, readView, writeView } from "./store";
+import type { Against, View } from "./types";
 
 const number = fc.double({ min: -1e9, max: 1e9, noNaN: true }).map((value) => value + 0); // no negative zero in a link
 const name = fc.string({ minLength: 1, maxLength: 40 });

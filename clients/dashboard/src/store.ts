@@ -1,6 +1,6 @@
 /** The view, and the link that holds it: every field stands in the page's address, bad ones fall back. */
 
-import type { Against, Store, View } from "./contracts";
+import type { Against, Store, View } from "./types";
 
 export const DEFAULTS: View = {
   verb: "",

@@ -1,6 +1,6 @@
 /** Light or dark: as the view says, or as the system does. */
 
-import type { Store } from "./contracts";
+import type { Store } from "./types";
 
 export class Colours {
   private readonly system = matchMedia("(prefers-color-scheme: dark)");

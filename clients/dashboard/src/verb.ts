@@ -1,6 +1,6 @@
 /** Small questions about a verb's description. */
 
-import type { Opened, Verb } from "./contracts";
+import type { Opened, Verb } from "./types";
 
 /** Adverbs by name as numbers in the verb's order; empty where one is missing or of no use. */
 export function inOrder(verb: Verb, goal: Readonly<Record<string, number>>): number[] {

@@ -1,7 +1,7 @@
 /** The server's routes as typed calls; what goes wrong is a `Problem` that says so in the server's own words. */
 
-import type { Refinement, Rest, Upload } from "../contracts";
 import type { components } from "../generated/schema";
+import type { Refinement, Rest, Upload } from "../types";
 
 type Told = components["schemas"]["ProblemAnswer"];
 

@@ -1,8 +1,8 @@
 /** Where the verb is right and wrong, and what makes it better. */
 
-import type { App } from "../contracts";
-import { Life } from "./parts/life";
-import { Maps } from "./parts/maps";
+import type { App } from "../types";
+import { Life } from "./parts/disposables";
+import { Maps } from "./parts/quality_maps";
 import { Refinements } from "./parts/refinements";
 
 export function mount(host: HTMLElement, app: App): () => void {

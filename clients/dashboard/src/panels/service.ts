@@ -1,11 +1,11 @@
 /** How the service is doing, and this page's own stream. */
 
 import { textOf } from "../app";
-import type { App, Ready, Stats } from "../contracts";
 import { h } from "../shell/dom";
+import type { App, Ready, Stats } from "../types";
+import { Life } from "./parts/disposables";
 import { History } from "./parts/history";
-import { Life } from "./parts/life";
-import { between, type Measures, type Scrape, scrapeOf } from "./parts/measures";
+import { between, type Measures, type Scrape, scrapeOf } from "./parts/server_metrics";
 import { bytes, counted, digits } from "./parts/units";
 
 const EVERY_MS = 1000;

@@ -2,12 +2,12 @@
 
 import { Problem } from "../api/rest";
 import { textOf } from "../app";
-import type { App, Refinement, Version, Versions } from "../contracts";
 import { h } from "../shell/dom";
 import { methodName } from "../shell/header";
-import { Life } from "./parts/life";
+import type { App, Refinement, Version, Versions } from "../types";
+import { Life } from "./parts/disposables";
+import { ago, courseOf, figuresOf, makerText } from "./parts/labels";
 import { bytes, counted, digits, errorUnit, kappa } from "./parts/units";
-import { ago, courseOf, figuresOf, makerText } from "./parts/words";
 
 const LONG_REASON = 90;
 const AGAIN_MS = 30_000;

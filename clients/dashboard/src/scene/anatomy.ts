@@ -1,4 +1,4 @@
-import type { Skeleton } from "../contracts";
+import type { Skeleton } from "../types";
 import { add, cross, length, mean, scale, square, sub, unit, type V3, ZERO } from "./vec";
 
 /** What part of a body a joint begins. */

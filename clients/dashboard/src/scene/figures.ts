@@ -1,5 +1,5 @@
 import { DynamicDrawUsage, Group, InstancedMesh, type Material } from "three";
-import type { Picture, Skeleton } from "../contracts";
+import type { Picture, Skeleton } from "../types";
 import { poseLength, type Rig, rigOf, solve, writeMatrix } from "./fk";
 import { mannequin } from "./mannequin";
 import type { Detail } from "./shapes";

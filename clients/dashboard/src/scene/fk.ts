@@ -1,4 +1,4 @@
-import type { Skeleton } from "../contracts";
+import type { Skeleton } from "../types";
 
 /** A skeleton as flat arrays: parents before children, offsets 3 per joint (m). */
 export interface Rig {

@@ -11,8 +11,8 @@ import {
   SphereGeometry,
   Vector3,
 } from "three";
+import { type Adverbs, arc, type Place, path } from "./goal_space";
 import type { Palette } from "./palette";
-import { type Adverbs, arc, type Place, path } from "./place";
 
 /** Radii on the screen, pixels: the ball, the ring about it, and where the pointer takes hold. */
 const [BALL_PX, RING_PX, HOLD_PX, HOLD_TOUCH_PX] = [6.5, 13, 16, 26];

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
-import type { Verb } from "../contracts";
+import type { Verb } from "../types";
+import { type Known, type Place, placeOf } from "./goal_space";
 import { hullOf, outline } from "./hull";
-import { type Known, type Place, placeOf } from "./place";
 
 const names = ["x", "y", "z"];
 

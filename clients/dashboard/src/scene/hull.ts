@@ -1,8 +1,8 @@
 import { EdgesGeometry, Vector3 } from "three";
 import { ConvexGeometry } from "three/addons/geometries/ConvexGeometry.js";
-import type { Verb } from "../contracts";
-import type { Adverbs, Known, Place } from "./place";
-import { axesOf } from "./place";
+import type { Verb } from "../types";
+import type { Adverbs, Known, Place } from "./goal_space";
+import { axesOf } from "./goal_space";
 import { add, cross, dot, length, scale, sub, unit, type V3 } from "./vec";
 
 /** A hull to draw, in the verb's space: three points per triangle, two per edge, 3 numbers each. */

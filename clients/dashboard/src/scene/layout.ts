@@ -1,4 +1,4 @@
-import type { Verb } from "../contracts";
+import type { Verb } from "../types";
 import { type Anatomy, isChain } from "./anatomy";
 import type { Frame } from "./camera";
 import { hinge } from "./creature";

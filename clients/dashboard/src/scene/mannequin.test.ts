@@ -1,6 +1,6 @@
 import { Vector3 } from "three";
 import { describe, expect, test } from "vitest";
-import type { Skeleton } from "../contracts";
+import type { Skeleton } from "../types";
 import { anatomyOf, isChain, isHuman } from "./anatomy";
 import { mannequin, planOf } from "./mannequin";
 

@@ -1,6 +1,6 @@
 import { BufferAttribute, type BufferGeometry } from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
-import type { Skeleton } from "../contracts";
+import type { Skeleton } from "../types";
 import { anatomyOf, isChain, isHuman } from "./anatomy";
 import { human } from "./body";
 import { arm, creature } from "./creature";

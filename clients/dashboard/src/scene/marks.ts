@@ -13,10 +13,10 @@ import {
   SphereGeometry,
   Vector3,
 } from "three";
-import type { Verb } from "../contracts";
+import type { Verb } from "../types";
+import { examplesOf, type Known, type Place, pseudoOf } from "./goal_space";
 import { hullOf } from "./hull";
 import type { Palette } from "./palette";
-import { examplesOf, type Known, type Place, pseudoOf } from "./place";
 import type { V3 } from "./vec";
 
 /** How many pixels from a mark the pointer still means it. */

@@ -1,7 +1,7 @@
 import { type Object3D, type PerspectiveCamera, Raycaster, Vector2, Vector3 } from "three";
 import { type GoalHandle, pixelsPerMetre } from "./goal";
+import { type Known, meet, type Place } from "./goal_space";
 import type { Marks } from "./marks";
-import { type Known, meet, type Place } from "./place";
 import type { V3 } from "./vec";
 
 /** What the pointer can meet, as it is at the moment. */

@@ -1,11 +1,12 @@
 import { Group, NeutralToneMapping, PCFShadowMap, Scene, Vector3, WebGLRenderer } from "three";
-import type { Drawn, Picture, Side, Stage, Verb } from "../contracts";
+import type { Drawn, Picture, Side, Stage, Verb } from "../types";
 import { anatomyOf } from "./anatomy";
 import { Eye } from "./camera";
-import { Carried } from "./carried";
 import { Figures } from "./figures";
 import { poseLength } from "./fk";
 import { GoalHandle } from "./goal";
+import { Carried } from "./goal_frame";
+import { type Adverbs, bounded, type Known, type Place, placeOf } from "./goal_space";
 import { Ground } from "./ground";
 import { Label } from "./labels";
 import { type Layout, layoutOf } from "./layout";
@@ -13,7 +14,6 @@ import { Lights } from "./light";
 import { Marks } from "./marks";
 import { materials } from "./materials";
 import { paletteOf } from "./palette";
-import { type Adverbs, bounded, type Known, type Place, placeOf } from "./place";
 import { Pointer } from "./pointer";
 import type { V3 } from "./vec";
 

@@ -1,7 +1,7 @@
 /** One slider and one number per adverb; both say what the goal is, however it was moved. */
 
 import type { Page } from "../app";
-import type { Verb } from "../contracts";
+import type { Verb } from "../types";
 import { h } from "./dom";
 
 type Adverb = Verb["adverbs"][number];

@@ -1,7 +1,7 @@
 /** The top of the page: which verb, by which method, beside what; how the connection is. */
 
 import type { Page } from "../app";
-import type { Against, Stats, View } from "../contracts";
+import type { Against, Stats, View } from "../types";
 import { choice, h, icon, offer } from "./dom";
 
 const THEMES = { auto: "As the system", light: "Light", dark: "Dark" } as const;

@@ -1,7 +1,7 @@
 /** The side panel: tabs, of which all but the first are loaded when they are opened. */
 
 import type { Page } from "../app";
-import type { App, Panel } from "../contracts";
+import type { App, Panel } from "../types";
 import { h } from "./dom";
 
 type Mount = (host: HTMLElement, app: App) => () => void;
@@ -13,7 +13,7 @@ const TABS: readonly (readonly [Panel, string])[] = [
   ["service", "Service"],
   ["add", "Add"],
 ];
-const PARTS = import.meta.glob<{ mount: Mount }>("../panels/{quality,versions,service,add}.ts");
+const PARTS = import.meta.glob<{ mount: Mount }>("../panels/{quality,versions,service,upload}.ts");
 
 export function panel(page: Page, first: HTMLElement): HTMLElement {
   const body = h("div", { className: "panel-body", role: "tabpanel", id: "panel", tabIndex: -1 });
@@ -50,7 +50,7 @@ export function panel(page: Page, first: HTMLElement): HTMLElement {
 }
 
 function path(name: Panel): string {
-  return `../panels/${name}.ts`;
+  return `../panels/${name === "add" ? "upload" : name}.ts`;
 }
 
 function tabButton(page: Page, name: Panel, label: string): HTMLButtonElement {

@@ -1,7 +1,7 @@
 /** What is reached, in numbers: how far from what was asked, by what, and where in the motion. */
 
 import type { Page } from "../app";
-import type { Shown } from "../contracts";
+import type { Shown } from "../types";
 import { errorText } from "../verb";
 import { h } from "./dom";
 import { methodName } from "./header";

@@ -1,8 +1,8 @@
 /** The bar below the scene: play, scrub past the keytimes, hold at the one that matters, and how poses come. */
 
 import type { Page } from "../app";
-import type { Verb, View } from "../contracts";
 import { BOUNDS } from "../store";
+import type { Verb, View } from "../types";
 import { effectorPhase } from "../verb";
 import { choice, h, icon, offer, toggle } from "./dom";
 

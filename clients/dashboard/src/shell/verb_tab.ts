@@ -1,8 +1,8 @@
 /** The first tab: the verb in words, its adverbs, how many characters, and what is drawn besides. */
 
 import type { Page } from "../app";
-import type { View } from "../contracts";
 import { BOUNDS } from "../store";
+import type { View } from "../types";
 import { adverbs } from "./adverbs";
 import { h, toggle } from "./dom";
 

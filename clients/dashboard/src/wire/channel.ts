@@ -1,8 +1,8 @@
 /** One channel: what the server was told of it, and what it must be told next to become what is wished. */
 
-import type { Opened } from "../contracts";
+import type { Opened } from "../types";
 import { writeAdverbs } from "./decode";
-import type { Motion } from "./messages";
+import type { Motion } from "./worker_messages";
 
 /** Ways of playing that are told apart from the rest, since they change without opening anew. */
 type Told = Partial<Pick<Motion, "fps" | "playing" | "speed" | "loop">> & {

@@ -1,7 +1,7 @@
 /** The page's end of the stream: says what is wanted, asks for one picture at a time. */
 
-import type { Side } from "../contracts";
-import type { Drawn, FromWorker, ToWorker, Wish } from "./messages";
+import type { Side } from "../types";
+import type { Drawn, FromWorker, ToWorker, Wish } from "./worker_messages";
 
 export type Heard = Exclude<FromWorker, { kind: "pictures" }>;
 

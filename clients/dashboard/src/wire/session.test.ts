@@ -1,8 +1,8 @@
 import { beforeEach, expect, test } from "vitest";
-import type { Opened } from "../contracts";
+import type { Opened } from "../types";
 import { writeAdverbs } from "./decode";
-import type { FromWorker, Motion, Wish } from "./messages";
 import { Session } from "./session";
+import type { FromWorker, Motion, Wish } from "./worker_messages";
 
 const MOTION: Motion = {
   ...{ verb: "reach", method: "", names: ["x", "y"], fps: 60, encoding: "f32" },

@@ -5,7 +5,7 @@
  * at a time, so that a crowd of a thousand comes and goes in bursts that the server can answer.
  */
 
-import type { Connection, Opened, Stats } from "../contracts";
+import type { Connection, Opened, Stats } from "../types";
 import type { Channel, Outgoing } from "./channel";
 import { Clock, Lateness } from "./clock";
 import {
@@ -17,10 +17,10 @@ import {
   readMessageHead,
   readRecordHead,
 } from "./decode";
-import type { Drawn, FromWorker, Motion, Wish } from "./messages";
-import { Side } from "./side";
-import { Tally } from "./tally";
-import { readText, type ServerMessage } from "./text";
+import { Side } from "./figure_stream";
+import { readText, type ServerMessage } from "./server_messages";
+import { Tally } from "./stream_stats";
+import type { Drawn, FromWorker, Motion, Wish } from "./worker_messages";
 
 /** Channels that may wait for an answer at a time: an answer has a skeleton in it, and the server keeps 256 messages. */
 const MOST_PENDING = 48;

@@ -4,8 +4,8 @@
  * only thing that crosses, however many frames came in between.
  */
 
-import type { FromWorker, ToWorker } from "./messages";
 import { Session } from "./session";
+import type { FromWorker, ToWorker } from "./worker_messages";
 
 const SUBPROTOCOL = "adverb.v1";
 const TURN_MS = 16;

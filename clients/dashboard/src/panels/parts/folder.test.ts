@@ -1,7 +1,7 @@
 import { strFromU8, unzipSync } from "fflate";
 import { expect, test } from "vitest";
 import { filesIn, zipped } from "./folder";
-import { nameInside } from "./name_inside";
+import { nameInside } from "./verb_name";
 
 /** A folder as a browser gives it when it is dropped: a reader tells some entries at a time, then none. */
 function folder(name: string, inside: Record<string, unknown>, path = `/${name}`): FileSystemDirectoryEntry {

@@ -2,7 +2,7 @@
 
 import { h } from "../../shell/dom";
 import { Chart, type ChartLook, type Line } from "./chart";
-import type { Measures } from "./measures";
+import type { Measures } from "./server_metrics";
 import { digits } from "./units";
 
 const WINDOW_S = 300;

@@ -1,7 +1,7 @@
 /** What a refinement should come to. */
 
-import type { RefinementRequest } from "../../contracts";
 import { choice, h, toggle } from "../../shell/dom";
+import type { RefinementRequest } from "../../types";
 
 interface Bounds {
   min: number;

@@ -2,11 +2,11 @@
 
 import { Problem } from "../../api/rest";
 import { textOf } from "../../app";
-import type { App, Refinement, RefinementRequest } from "../../contracts";
 import { h } from "../../shell/dom";
-import { Course } from "./course";
-import type { Life } from "./life";
+import type { App, Refinement, RefinementRequest } from "../../types";
+import type { Life } from "./disposables";
 import { refinementForm } from "./refinement_form";
+import { Course } from "./refinement_row";
 
 const MOST = 6;
 const AGE_MS = 30_000;

@@ -1,5 +1,5 @@
 import { describe, expect, test } from "vitest";
-import type { Verb } from "../../contracts";
+import type { Verb } from "../../types";
 import { lookUp, near, type Quality, qualityPath, type Slice, share, sliceOf, valueAt } from "./slice";
 
 const adverb = (name: string, min: number, max: number) => ({

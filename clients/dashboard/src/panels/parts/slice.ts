@@ -1,7 +1,7 @@
 /** A plane through the space of adverbs: two of them on the axes, the others held. */
 
-import type { Verb } from "../../contracts";
 import type { components } from "../../generated/schema";
+import type { Verb } from "../../types";
 
 export type Quality = components["schemas"]["QualityAnswer"];
 type Named = Readonly<Record<string, number>>;

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
-import { Carried } from "./carried";
 import { standing } from "./figures";
+import { Carried } from "./goal_frame";
 
 const ROWS = { side: [1, 0, 0], back: [0, 0, -1] } as const;
 

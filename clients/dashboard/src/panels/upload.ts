@@ -2,12 +2,12 @@
 
 import { Problem } from "../api/rest";
 import { textOf } from "../app";
-import type { App, Upload } from "../contracts";
 import { h } from "../shell/dom";
+import type { App, Upload } from "../types";
+import { Life } from "./parts/disposables";
 import { filesIn, filesOf, type Inside, zipped } from "./parts/folder";
-import { Life } from "./parts/life";
-import { nameInside } from "./parts/name_inside";
 import { bytes } from "./parts/units";
+import { nameInside } from "./parts/verb_name";
 
 const TICK_MS = 250;
 

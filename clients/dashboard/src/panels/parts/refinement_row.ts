@@ -1,9 +1,9 @@
 /** One refinement: how far it is, how its error fell, and how it ended. */
 
-import type { App, Refinement } from "../../contracts";
 import { h } from "../../shell/dom";
+import type { App, Refinement } from "../../types";
 import { Chart } from "./chart";
-import { ago, courseOf, percent, running, stateText } from "./words";
+import { ago, courseOf, percent, running, stateText } from "./labels";
 
 /** Where nothing was heard of a refinement for so long, it is asked for. */
 const SILENCE_MS = 5000;

@@ -1,4 +1,4 @@
-import type { Verb } from "../contracts";
+import type { Verb } from "../types";
 import { add, cross, dot, length, mean, scale, square, sub, unit, type V3, ZERO } from "./vec";
 
 export type Adverbs = Readonly<Record<string, number>>;

@@ -1,5 +1,5 @@
 import { expect, test, vi } from "vitest";
-import { Latest } from "./latest";
+import { Latest } from "./latest_request";
 
 /** Questions that are answered by hand. */
 function desk() {

@@ -1,6 +1,6 @@
 /** What a stream did: counted as it comes, told four times a second. */
 
-import type { Connection, Stats } from "../contracts";
+import type { Connection, Stats } from "../types";
 import type { Clock, Lateness } from "./clock";
 
 /** Rates are of the last second: so many tellings. */

@@ -1,6 +1,6 @@
 /** What the server knows, in plain words. */
 
-import type { Refinement, Version } from "../../contracts";
+import type { Refinement, Version } from "../../types";
 
 /** What a refinement tells of its course; fields are missing before it has begun. */
 export interface Course {

@@ -1,15 +1,15 @@
 /** Maps of error and smoothness over a slice of adverb space: methods side by side, in one scale of colours. */
 
 import { textOf } from "../../app";
-import type { App, Verb, View } from "../../contracts";
 import { choice, h, offer, toggle } from "../../shell/dom";
 import { methodName } from "../../shell/header";
+import type { App, Verb, View } from "../../types";
 import { gradient, linearScale, logScale, type Scale } from "./colours";
-import { type HeldRow, heldRows } from "./held";
-import { Latest } from "./latest";
-import { type Life, soon } from "./life";
-import { type Picture, type Place, QualityMap } from "./map";
+import { type Life, soon } from "./disposables";
+import { Latest } from "./latest_request";
+import { type Picture, type Place, QualityMap } from "./quality_map";
 import { lookUp, NODES, near, type Quality, qualityPath, type Slice, sliceOf } from "./slice";
+import { type HeldRow, heldRows } from "./slice_sliders";
 import { digits, errorUnit, kappa, type Unit } from "./units";
 
 const AFTER_MS = 80;

@@ -2,7 +2,7 @@ import { Euler, Quaternion, Vector3 } from "three";
 import { expect, test } from "vitest";
 import { DecodeError, poseLength } from "./decode";
 import { heading } from "./quaternion";
-import { standAs, Track } from "./track";
+import { standAs, Track } from "./sequence";
 
 /** Frames of one joint, as the sequence route sends them. */
 function records(phases: readonly number[]): ArrayBuffer {

@@ -1,7 +1,7 @@
 import { readFileSync } from "node:fs";
 import { deflateRawSync } from "node:zlib";
 import { describe, expect, test } from "vitest";
-import { nameInside } from "./name_inside";
+import { nameInside } from "./verb_name";
 
 interface Member {
   path: string;

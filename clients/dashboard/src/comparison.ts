@@ -1,9 +1,9 @@
 /** Another version of the verb at the same goal and phase: its motion is fetched whenever the goal has moved. */
 
-import type { Picture, Rest, Shown, Verb, View } from "./contracts";
+import type { Picture, Rest, Shown, Verb, View } from "./types";
 import { inOrder } from "./verb";
 import { FLAGS, poseLength } from "./wire/decode";
-import { standAs, Track } from "./wire/track";
+import { standAs, Track } from "./wire/sequence";
 
 const FPS = 60;
 

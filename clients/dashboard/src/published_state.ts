@@ -1,7 +1,7 @@
 /** `window.adverb`: what the page shows, for tests and for the curious; read only. */
 
 import type { Page } from "./app";
-import type { Connection, Opened, Shown, Side, Stage, Stats, View } from "./contracts";
+import type { Connection, Opened, Shown, Side, Stage, Stats, View } from "./types";
 
 export interface Published {
   readonly view: View;

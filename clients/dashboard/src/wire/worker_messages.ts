@@ -1,6 +1,6 @@
 /** What the page and the worker that holds its stream say to each other. */
 
-import type { Connection, Opened, Shown, Side, Stats } from "../contracts";
+import type { Connection, Opened, Shown, Side, Stats } from "../types";
 import type { Encoding } from "./decode";
 
 /** Where a motion should go to at once; a greater serial is a newer wish. */

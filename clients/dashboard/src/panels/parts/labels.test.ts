@@ -1,7 +1,7 @@
 import { describe, expect, test } from "vitest";
-import type { Refinement, Version } from "../../contracts";
+import type { Refinement, Version } from "../../types";
+import { ago, figuresOf, makerText, percent, stateText } from "./labels";
 import { bytes, digits, errorUnit, kappa } from "./units";
-import { ago, figuresOf, makerText, percent, stateText } from "./words";
 
 const refinement = (part: Partial<Refinement>) =>
   ({ detail: "", progress: {}, version_after: null, ...part }) as Refinement;

@@ -1,11 +1,11 @@
 /** One side of the picture: its channels, and the buffer from which it is drawn. */
 
-import type { Opened } from "../contracts";
+import type { Opened } from "../types";
 import { JitterBuffer } from "./buffer";
 import { Channel } from "./channel";
 import type { Lateness } from "./clock";
 import { DecodeError, FLAGS, type Layout, poseLength, type RecordHead, readPose } from "./decode";
-import type { Drawn } from "./messages";
+import type { Drawn } from "./worker_messages";
 
 export class Side {
   readonly buffer: JitterBuffer;

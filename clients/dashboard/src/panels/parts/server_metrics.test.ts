@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { between, scrapeOf } from "./measures";
+import { between, scrapeOf } from "./server_metrics";
 
 function text(seconds: number): string {
   const quick = 'adverb_request_duration_seconds_bucket{le="0.01",method="none",route="/v1/verbs",verb="none"}';

@@ -1,7 +1,7 @@
 import fc from "fast-check";
 import { expect, test } from "vitest";
-import type { Verb } from "../contracts";
-import { AHEAD_S, arc, bounded, meet, type Place, path, placeOf } from "./place";
+import type { Verb } from "../types";
+import { AHEAD_S, arc, bounded, meet, type Place, path, placeOf } from "./goal_space";
 import { add, cross, dot, length, scale, sub, unit, type V3 } from "./vec";
 
 type Kind = "joint_position" | "jump" | "root_velocity" | "none";

@@ -1,7 +1,7 @@
-"""Pictures of the dashboard, one per state, of a server of its own, to be looked at.
+"""Screenshots of the dashboard, one per state, from a temporary server.
 
-`screenshots.py [-o DIR] [--only WORD] [FILE.verb …]`: build the page before (`make dashboard`). Verbs given as files
-are served besides the built-in ones and pictured held. Needs Playwright and a Chromium on the path.
+`screenshots.py [-o DIR] [--only REGEX] [FILE.verb …]`: run `make dashboard` first. Verbs given as files are served in
+addition to the built-in ones. Requires Playwright and Chromium on the path.
 """
 
 import argparse
@@ -27,7 +27,7 @@ FLAGS = [
 WIDE, SMALL, PHONE = (1280, 720), (1000, 640), (390, 844)
 PATIENCE_S = 90.0
 BUILT_IN = ("arm3", "board", "reach")
-PANELS = ("quality", "versions", "service", "add")
+PANELS = ("quality", "versions", "service", "upload")
 REACH = {"at.x": "-0.35", "at.y": "1.45", "at.z": "0.45"}
 
 Act = Callable[[Page], object]
@@ -35,7 +35,7 @@ Act = Callable[[Page], object]
 
 @dataclass(frozen=True)
 class State:
-    """A picture: its name, the view in the link, what is done before it is taken, and the window."""
+    """A screenshot: its name, view, preparation and window."""
 
     name: str
     view: dict[str, str]
@@ -46,7 +46,7 @@ class State:
 
 
 class Service:
-    """`adverb serve` on a port that is free, with a data folder of its own."""
+    """`adverb serve` on a free port with a temporary data folder."""
 
     def __init__(self, data: Path, verbs: list[Path]):
         for path in verbs:
@@ -61,7 +61,7 @@ class Service:
         self.url = self._address()
 
     def stop(self) -> None:
-        """End it; a second time does nothing."""
+        """Stop the server; idempotent."""
         self.process.terminate()
         self.process.wait()
 
@@ -70,11 +70,11 @@ class Service:
             if found := re.search(r"http://127\.0\.0\.1:\d+", self.log.read_text()):
                 return found[0]
             time.sleep(0.1)
-        raise SystemExit("the server ended before it said where it listens")
+        raise SystemExit("the server exited before it listened")
 
 
 def until(page: Page, condition: str) -> None:
-    """Wait for a condition by asking again; the page's policy forbids waiting inside it."""
+    """Poll a condition; the content security policy forbids evaluated waits."""
     end = time.monotonic() + PATIENCE_S
     while not page.evaluate(f"Boolean({condition})"):
         if time.monotonic() > end:
@@ -82,17 +82,17 @@ def until(page: Page, condition: str) -> None:
         page.wait_for_timeout(50)
 
 
-def hold(page: Page) -> None:
-    """Stand where the goal is met; where that is no one instant, stop."""
-    button = page.get_by_role("button", name="Hold at")
+def pause_at_goal(page: Page) -> None:
+    """Pause at the goal's keytime, or anywhere without one."""
+    button = page.get_by_role("button", name="Pause at goal")
     button.click() if button.is_visible() else page.keyboard.press("Space")
     until(page, "!adverb.view.playing && Math.abs(adverb.shown.main.phase - adverb.view.phase) < 1e-3")
     page.wait_for_timeout(800)
 
 
 def drag(page: Page, across: int, down: int) -> None:
-    """Hold, and drag the goal by so many pixels; the pointer stays on it."""
-    hold(page)
+    """Pause and drag the goal by some pixels; the button stays pressed."""
+    pause_at_goal(page)
     x, y = page.evaluate("adverb.drawn.handle")
     page.mouse.move(x, y)
     page.mouse.down()
@@ -102,67 +102,67 @@ def drag(page: Page, across: int, down: int) -> None:
     page.wait_for_timeout(1500)
 
 
-def beside(page: Page) -> None:
-    """Hold, with something else beside it."""
-    hold(page)
-    until(page, "adverb.shown.other !== null")
+def compared(page: Page) -> None:
+    """Pause with a comparison figure."""
+    pause_at_goal(page)
+    until(page, "adverb.shown.comparison !== null")
     page.wait_for_timeout(1000)
 
 
 def crowd(page: Page) -> None:
-    """Wait until all have come."""
+    """Wait for all characters."""
     until(page, "adverb.shown.main.count === adverb.view.crowd")
     page.wait_for_timeout(1500)
 
 
 def pressed(*names: str) -> Act:
-    """Press keys, one after the other."""
+    """Press keys in order."""
     return lambda page: [page.keyboard.press(name) for name in names] and page.wait_for_timeout(400)
 
 
 def opened(tab: str) -> Act:
-    """Open a tab by its button; on a phone that draws the sheet up."""
+    """Open a tab, which opens the sheet on a phone."""
     return lambda page: page.get_by_role("tab", name=tab).click() or page.wait_for_timeout(2500)
 
 
-def refused(page: Page) -> None:
-    """Have the page say what is wrong with a link."""
-    page.get_by_text("is not served here").wait_for()
+def unknown_verb(page: Page) -> None:
+    """Wait for the notice of a link to an unknown verb."""
+    page.get_by_text("does not exist on this server").wait_for()
     page.wait_for_timeout(800)
 
 
 def states(service: Service, verbs: list[str]) -> Iterator[State]:
-    """All pictures in the order in which they are taken; the last ones are of a server that is gone."""
+    """All screenshots in order; the last one is taken without a server."""
     for verb in (*BUILT_IN, *verbs):
         yield State(f"{verb}_playing", {"verb": verb})
-        yield State(f"{verb}_held", {"verb": verb}, lambda page: drag(page, 40, -40))
+        yield State(f"{verb}_paused", {"verb": verb}, lambda page: drag(page, 40, -40))
         yield State(f"{verb}_dark", {"verb": verb}, lambda page: drag(page, -30, 20), SMALL, "dark")
-        yield State(f"{verb}_phone", {"verb": verb}, hold, PHONE)
-    yield State("marks", {"pseudo": "yes", "verb": "reach", **REACH}, hold)
-    yield State("readme", {"verb": "reach", "against": "method:rbf"}, lambda page: drag(page, 46, -48))
+        yield State(f"{verb}_phone", {"verb": verb}, pause_at_goal, PHONE)
+    yield State("marks", {"pseudo": "yes", "verb": "reach", **REACH}, pause_at_goal)
+    yield State("readme", {"verb": "reach", "compare": "method:rbf"}, lambda page: drag(page, 46, -48))
     for scheme in ("light", "dark"):
-        view = {"verb": "reach", "against": "method:rbf", **REACH}
-        yield State(f"beside_{scheme}", view, beside, WIDE, scheme)
+        view = {"verb": "reach", "compare": "method:rbf", **REACH}
+        yield State(f"compare_{scheme}", view, compared, WIDE, scheme)
         yield State(f"crowd_{scheme}", {"verb": "reach", "crowd": "200", "detail": "low"}, crowd, WIDE, scheme)
         yield State(f"keys_{scheme}", {"verb": "reach"}, pressed("?"), SMALL, scheme)
         for panel in PANELS:
             opened_view = {"verb": "reach", "panel": panel}
             yield State(f"{panel}_{scheme}", opened_view, opened(panel.title()), WIDE, scheme)
-    yield State("beside_arm3", {"verb": "arm3", "against": "method:rbf"}, beside, SMALL)
+    yield State("compare_arm3", {"verb": "arm3", "compare": "method:rbf"}, compared, SMALL)
     yield State("crowd_arm3", {"verb": "arm3", "crowd": "24"}, crowd, SMALL)
     yield State("focus", {"verb": "reach"}, pressed("Tab", "Tab"), SMALL)
     for tab in ("Verb", *map(str.title, PANELS)):
         yield State(f"sheet_{tab.lower()}", {"verb": "reach"}, opened(tab), PHONE)
-    yield State("phone_dark", {"verb": "reach", "against": "method:rbf"}, beside, PHONE, "dark")
-    yield State("error", {"verb": "wave"}, refused, SMALL)
-    yield State("error_phone", {"verb": "wave"}, refused, PHONE)
+    yield State("phone_dark", {"verb": "reach", "compare": "method:rbf"}, compared, PHONE, "dark")
+    yield State("error", {"verb": "wave"}, unknown_verb, SMALL)
+    yield State("error_phone", {"verb": "wave"}, unknown_verb, PHONE)
     yield State("loading", {"verb": "reach"}, size=SMALL, loads=False)
     gone = {"verb": "reach", **REACH}
     yield State("gone", gone, lambda page: (service.stop(), page.wait_for_timeout(2500)), SMALL)
 
 
 def take(browser: Browser, url: str, state: State, folder: Path) -> None:
-    """Open the page at a state and write its picture."""
+    """Open the page at a state and save its screenshot."""
     wide, high = state.size
     context = browser.new_context(
         viewport={"width": wide, "height": high},
@@ -183,12 +183,12 @@ def take(browser: Browser, url: str, state: State, folder: Path) -> None:
 
 
 def main() -> None:
-    """Take the pictures that are asked for."""
-    asked = argparse.ArgumentParser(description="Pictures of the dashboard, one per state.")
-    asked.add_argument("-o", "--out", type=Path, default=PROJECT / "build" / "screenshots", help="folder for pictures")
-    asked.add_argument("--only", default="", help="regular expression: only states whose names it matches")
-    asked.add_argument("verbs", nargs="*", type=Path, metavar="VERB", help="files of verbs that are served besides")
-    args = asked.parse_args()
+    """Take the selected screenshots."""
+    parser = argparse.ArgumentParser(description="Screenshots of the dashboard, one per state.")
+    parser.add_argument("-o", "--out", type=Path, default=PROJECT / "build" / "screenshots", help="output folder")
+    parser.add_argument("--only", default="", help="regular expression of state names")
+    parser.add_argument("verbs", nargs="*", type=Path, metavar="VERB", help="additional verb files")
+    args = parser.parse_args()
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         raise SystemExit("no Chromium on the path; Debian's package `chromium` has it")

@@ -1,4 +1,4 @@
-"""A real server as its own process, and the page it gives, in a real browser."""
+"""A real server process and the dashboard in a real browser."""
 
 import json
 import os
@@ -26,7 +26,7 @@ START = "from service.cli import main; main()"
 
 
 class Service:
-    """`adverb serve` on a port that it keeps when it is started again."""
+    """`adverb serve` on a fixed free port, so that it can be restarted."""
 
     def __init__(self, data: Path):
         self.data = data
@@ -41,18 +41,18 @@ class Service:
             cwd=PROJECT,
             env={**os.environ, "ADVERB_REFINERS": "1"},
         )
-        end, told = time.monotonic() + PATIENCE_S, ""
-        while time.monotonic() < end:
+        deadline, last = time.monotonic() + PATIENCE_S, ""
+        while time.monotonic() < deadline:
             try:
-                answer = httpx.get(f"{self.url}/readyz", timeout=5)
-                if answer.status_code == 200:
+                response = httpx.get(f"{self.url}/readyz", timeout=5)
+                if response.status_code == 200:
                     return self
-                told = answer.text
+                last = response.text
             except httpx.HTTPError as err:
-                told = repr(err)
-            assert self.process.poll() is None, "the server ended"
+                last = repr(err)
+            assert self.process.poll() is None, "the server exited"
             time.sleep(0.1)
-        raise AssertionError(f"the server never became ready: {told}")
+        raise AssertionError(f"the server never became ready: {last}")
 
     def kill(self):
         if self.process is not None:
@@ -69,9 +69,9 @@ class Service:
 
 @pytest.fixture(scope="session")
 def built():
-    """The page is built by `make test` where npm is."""
+    """Index of the built dashboard; `make test` builds it if npm is installed."""
     if not STATIC.is_file():
-        pytest.skip("the dashboard is not built; `make dashboard` builds it where npm is")
+        pytest.skip("the dashboard is not built; run `make dashboard`")
     return STATIC
 
 
@@ -85,7 +85,7 @@ def service(built, tmp_path_factory):
 @pytest.fixture(scope="module")
 def browser():
     if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; Debian's package `chromium` has it")
+        pytest.skip("Chromium is not installed")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -95,35 +95,35 @@ def browser():
 
 
 class Page:
-    """The page in one tab; what its console says ill of it fails the test."""
+    """The dashboard in one tab; console errors and external requests fail the test."""
 
     def __init__(self, tab, service):
-        self.tab, self.service, self.complaints = tab, service, []
-        tab.on("console", lambda message: message.type == "error" and self.complaints.append(message.text))
-        tab.on("pageerror", lambda error: self.complaints.append(str(error)))
-        tab.on("request", lambda request: self._own(request.url))
+        self.tab, self.service, self.problems = tab, service, []
+        tab.on("console", lambda message: message.type == "error" and self.problems.append(message.text))
+        tab.on("pageerror", lambda error: self.problems.append(str(error)))
+        tab.on("request", lambda request: self._check_origin(request.url))
 
-    def _own(self, url):
+    def _check_origin(self, url):
         if not url.startswith((self.service.url, f"ws://127.0.0.1:{self.service.port}", "blob:", "data:")):
-            self.complaints.append(f"asked elsewhere: {url}")
+            self.problems.append(f"external request: {url}")
 
-    def forgive(self, *words):
-        """Forget complaints that a test provoked."""
-        self.complaints = [text for text in self.complaints if not any(word in text for word in words)]
+    def ignore(self, *texts):
+        """Discard expected problems."""
+        self.problems = [text for text in self.problems if not any(part in text for part in texts)]
 
     def open(self, **view):
-        """Open the page at a view, and wait for its first picture."""
+        """Open the page at a view and wait for its first picture."""
         query = "&".join(f"{name}={value}" for name, value in {"detail": "low", **view}.items())
         self.tab.goto(f"{self.service.url}/#{query}")
         self.until("document.documentElement.dataset.ready === 'true'")
         return self
 
     def state(self, expression):
-        """What the page publishes of itself."""
+        """Value of an expression on `window.adverb`."""
         return json.loads(self.tab.evaluate(f"JSON.stringify((({expression}) ?? null))"))
 
     def until(self, condition, timeout_s=PATIENCE_S):
-        """Wait until a condition on `window.adverb` holds; by asking, since the page's policy forbids `eval` in it."""
+        """Poll a condition on `window.adverb`; the content security policy forbids evaluated waits."""
         end = time.monotonic() + timeout_s
         while not self.tab.evaluate(f"Boolean({condition})"):
             assert time.monotonic() < end, condition
@@ -132,7 +132,7 @@ class Page:
 
 @contextmanager
 def opened(browser, service, **context):
-    """A tab, and at its end: no complaints."""
+    """A tab that must end without problems."""
     within = browser.new_context(viewport={"width": 1000, "height": 640}, **context)
     within.set_default_timeout(1000 * PATIENCE_S)
     page = Page(within.new_page(), service)
@@ -140,7 +140,7 @@ def opened(browser, service, **context):
         yield page
     finally:
         within.close()
-    assert page.complaints == []
+    assert page.problems == []
 
 
 @pytest.fixture

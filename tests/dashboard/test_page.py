@@ -1,4 +1,4 @@
-"""What a technical director does with the page, done in a real browser against a real server."""
+"""User tasks on the dashboard, in a real browser against a real server."""
 
 import io
 import math
@@ -14,11 +14,11 @@ from verbs import library
 
 pytestmark = [pytest.mark.xdist_group("dashboard"), pytest.mark.slow]
 
-TABS = ["Verb", "Quality", "Versions", "Service", "Add"]
+TABS = ["Verb", "Quality", "Versions", "Service", "Upload"]
 
 
 def drag(page, by, steps=12):
-    """Take the goal where it is on the screen, move it by so many pixels and let it go."""
+    """Drag the goal handle by some pixels."""
     x, y = page.state("adverb.drawn.handle")
     mouse = page.tab.mouse
     mouse.move(x, y)
@@ -37,7 +37,7 @@ def distance(a, b):
 def test_a_dragged_goal_is_reached(page, verb, by):
     page.open(verb=verb)
     before = page.state("adverb.view.goal")
-    page.tab.get_by_role("button", name="Hold at").click()
+    page.tab.get_by_role("button", name="Pause at goal").click()
     page.until("!adverb.view.playing && Math.abs(adverb.shown.main?.phase - adverb.view.phase) < 1e-3")
     drag(page, by)
     goal = page.state("adverb.view.goal")
@@ -48,15 +48,15 @@ def test_a_dragged_goal_is_reached(page, verb, by):
     )
     assert page.state("adverb.shown.main?.error") < 1e-3
     phase = page.state("adverb.view.phase")
-    asked = {"adverbs": goal, "phase": phase, "space": "global"}
-    told = httpx.post(f"{page.service.url}/v1/verbs/{verb}/pose", json=asked).json()
+    request = {"adverbs": goal, "phase": phase, "space": "global"}
+    pose = httpx.post(f"{page.service.url}/v1/verbs/{verb}/pose", json=request).json()
     described = httpx.get(f"{page.service.url}/v1/verbs/{verb}").json()
-    wrist = told["positions"][described["skeleton"]["names"].index(described["measure"]["effector"])]
-    assert told["error"] < 1e-6
+    wrist = pose["positions"][described["skeleton"]["names"].index(described["measure"]["effector"])]
+    assert pose["error"] < 1e-6
     assert distance(wrist, page.state("adverb.drawn.effector")) < 0.005
 
 
-def test_the_sliders_and_the_goal_agree(page):
+def test_a_slider_moves_the_goal(page):
     page.open(verb="reach", playing="no")
     slider = page.tab.get_by_role("slider", name="x, m").first
     slider.focus()
@@ -78,81 +78,81 @@ def test_methods_can_be_switched(page):
     page.until("adverb.shown.main?.method === 'corrected' && adverb.shown.main?.error < 1e-6")
 
 
-def test_two_methods_stand_side_by_side(page):
+def test_two_methods_are_compared(page):
     page.open(verb="arm3")
     page.tab.get_by_label("Compare with").select_option("method:rbf")
-    page.until("adverb.shown.other && adverb.shown.other.method === 'rbf'")
+    page.until("adverb.shown.comparison && adverb.shown.comparison.method === 'rbf'")
     assert page.state("adverb.shown.main?.method") == "corrected"
 
 
-def test_a_refinement_ends_and_its_version_is_shown(page):
+def test_a_refinement_publishes_a_version(page):
     page.open(verb="arm3", panel="quality", method="refined")
     page.tab.get_by_role("tab", name="Quality").click()
     page.tab.get_by_label("Target error, %").fill("3")
-    page.tab.get_by_label("Most pseudo-examples").fill("30")
+    page.tab.get_by_label("Max. pseudo-examples").fill("30")
     page.tab.get_by_role("button", name="Start", exact=True).click()
     page.until("adverb.shown.main?.version === 2", timeout_s=180)
-    page.tab.get_by_text("published as version 2").first.wait_for()
+    page.tab.get_by_text("Published as version 2").first.wait_for()
     page.tab.get_by_role("tab", name="Versions").click()
-    page.tab.get_by_role("button", name="Roll back to it").click()
+    page.tab.get_by_role("button", name="Roll back to v1").click()
     page.until("adverb.shown.main?.version === 1")
 
 
-def test_a_crowd_of_two_hundred_comes_at_thirty_frames_a_second(page):
+def test_a_crowd_of_200_is_streamed_at_30_fps(page):
     page.open(verb="reach", crowd="200")
     page.until("adverb.shown.main?.count === 200")
     page.until("adverb.stats.messages_per_s >= 30 && adverb.stats.poses_per_s >= 30 * 200")
 
 
-def test_a_server_that_comes_back_is_found_again(page):
+def test_the_page_reconnects_to_a_restarted_server(page):
     page.open(verb="reach")
     page.service.kill()
     page.until("adverb.connection !== 'open'")
-    page.tab.get_by_text("does not answer").first.wait_for()
+    page.tab.get_by_text("No connection to the server").first.wait_for()
     page.service.start()
     page.until("adverb.connection === 'open'")
     frames = page.state("adverb.drawn.frames")
     page.until(f"adverb.drawn.frames > {frames} + 10")
-    page.forgive("net::ERR", "503")
+    page.ignore("net::ERR", "503")
 
 
-def test_a_broken_zip_says_what_is_wrong_with_it(page):
+def test_an_invalid_zip_shows_the_problem(page):
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
         archive.writestr("wave/verb.toml", 'name = "wave"\n')
     page.open(verb="reach")
-    page.tab.get_by_role("tab", name="Add").click()
+    page.tab.get_by_role("tab", name="Upload").click()
     page.tab.locator("input[type=file]").first.set_input_files(
         {"name": "wave.zip", "mimeType": "application/zip", "buffer": packed.getvalue()}
     )
     page.tab.get_by_text("verb.toml").first.wait_for()
     headers = {"Content-Type": "application/zip"}
-    told = httpx.post(
+    problem = httpx.post(
         f"{page.service.url}/v1/verbs", content=packed.getvalue(), headers=headers, timeout=PATIENCE_S
     ).json()
-    page.tab.get_by_text(told["detail"]).first.wait_for()
-    page.forgive("422")
+    page.tab.get_by_text(problem["detail"]).first.wait_for()
+    page.ignore("422")
 
 
-def test_a_chosen_folder_is_built_and_shown(page, tmp_path):
+def test_a_chosen_folder_is_built_and_opened(page, tmp_path):
     folder = tmp_path / "wave"
     shutil.copytree(Path(library.__file__).parent / "arm3", folder)
     source = folder / "verb.toml"
     source.write_text(source.read_text().replace('name = "arm3"', 'name = "wave"', 1))
     (folder / ".DS_Store").write_bytes(b"hidden")
     page.open(verb="reach")
-    page.tab.get_by_role("tab", name="Add").click()
+    page.tab.get_by_role("tab", name="Upload").click()
     page.tab.locator("input[webkitdirectory]").set_input_files(folder)
-    page.tab.get_by_role("button", name="Show it").click()
+    page.tab.get_by_role("button", name="Open").click()
     page.until("adverb.view.verb === 'wave' && adverb.shown.main?.version === 1")
 
 
-def test_a_folder_that_is_no_source_is_not_sent(page, tmp_path):
+def test_a_folder_without_verb_toml_is_not_uploaded(page, tmp_path):
     (tmp_path / "notes.txt").write_text("nothing moves here")
     page.open(verb="reach")
-    page.tab.get_by_role("tab", name="Add").click()
+    page.tab.get_by_role("tab", name="Upload").click()
     page.tab.locator("input[webkitdirectory]").set_input_files(tmp_path)
-    page.tab.get_by_text("holds no verb.toml").wait_for()
+    page.tab.get_by_text("contains no verb.toml").wait_for()
 
 
 def test_a_link_reopens_the_same_view(page):
@@ -168,21 +168,21 @@ def test_a_link_reopens_the_same_view(page):
     assert page.state("adverb.view") == view
 
 
-def test_keys_play_pick_and_help(page):
+def test_keyboard_shortcuts(page):
     page.open(verb="arm3")
     page.tab.keyboard.press("Space")
     assert page.state("adverb.view.playing") is False
     page.tab.keyboard.press("3")
     page.until("adverb.shown.main?.verb === 'reach'")
     page.tab.keyboard.press("?")
-    page.tab.get_by_role("dialog", name="Keys").wait_for()
+    page.tab.get_by_role("dialog", name="Keyboard shortcuts").wait_for()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_nothing_serious_for_those_who_cannot_see_or_point(browser, service, scheme):
+def test_no_serious_accessibility_violations(browser, service, scheme):
     axe = PROJECT / "clients" / "dashboard" / "node_modules" / "axe-core" / "axe.min.js"
     if not axe.is_file():
-        pytest.skip("axe-core is not installed; `make dashboard` does it where npm is")
+        pytest.skip("axe-core is not installed; run `make dashboard`")
     with opened(browser, service, color_scheme=scheme) as page:
         page.open(verb="reach", playing="no")
         page.tab.evaluate(axe.read_text())
@@ -198,7 +198,7 @@ def test_nothing_serious_for_those_who_cannot_see_or_point(browser, service, sch
             assert grave == [], tab
 
 
-def test_a_phone_shows_all_of_it(browser, service):
+def test_a_phone_has_no_horizontal_scrolling(browser, service):
     with opened(browser, service) as page:
         page.tab.set_viewport_size({"width": 390, "height": 844})
         page.open(verb="reach")

@@ -1,10 +1,10 @@
-/** The page without its looks: what is served, what is wanted, what is shown. */
+/** State and behaviour of the page without its DOM: served verbs, requested view, displayed figures. */
 
 import { Problem } from "./api/rest";
-import { OtherVersion } from "./comparison";
+import { VersionComparison } from "./comparison";
 import { crowdGoals } from "./crowd";
 import { Emitter } from "./emitter";
-import { Hold } from "./pause_at_goal";
+import { PauseAtGoal } from "./pause_at_goal";
 import type {
   App,
   AppEvents,
@@ -12,26 +12,26 @@ import type {
   Opened,
   Picture,
   Rest,
+  Role,
   Shown,
-  Side,
   Stats,
   Store,
   Verb,
   VerbSummary,
 } from "./types";
-import { byName, effectorPhase, holdPhase, inOrder } from "./verb";
-import { type Heard, type Port, StreamClient } from "./wire/client";
+import { adverbsByName, adverbValues, effectorPhase, followPhase } from "./verb";
+import { type Port, StreamClient, type StreamEvent } from "./wire/client";
 import type { Drawn, Motion, Seek } from "./wire/worker_messages";
 
-const FIRST_CHOICE = "reach";
+const DEFAULT_VERB = "reach";
 const RETRY_MS = 2000;
 const DIGITS = 4;
 
-/** What only the shell hears: pictures to draw, things to say, how the first answer is getting on. */
-interface Within extends AppEvents {
-  picture: { side: Side; picture: Picture | null };
-  say: { text: string; kind: "note" | "error" };
-  hold: number | null;
+/** Events for the shell only: pictures to draw, notices, pause and connection state. */
+interface PageEvents extends AppEvents {
+  picture: { role: Role; picture: Picture | null };
+  notice: { text: string; kind: "note" | "error" };
+  pause: number | null;
   offline: { detail: string; againInS: number };
 }
 
@@ -41,45 +41,45 @@ export class Page implements App {
   opened: Opened | null = null;
   connection: Connection = "connecting";
   stats: Stats | null = null;
-  /** Whether the server has told its verbs, be there any or none. */
-  answered = false;
-  readonly shown: Record<Side, Shown | null> = { main: null, other: null };
-  readonly hold = new Hold(() => this.held());
-  private readonly emitter = new Emitter<Within>();
+  /** Whether the list of verbs has been loaded. */
+  loaded = false;
+  readonly shown: Record<Role, Shown | null> = { main: null, comparison: null };
+  readonly pauseAtGoal = new PauseAtGoal(() => this.onPauseChange());
+  private readonly emitter = new Emitter<PageEvents>();
   private readonly stream: StreamClient;
-  private readonly version: OtherVersion;
-  private seeking: Seek;
-  private wanted = "";
+  private readonly version: VersionComparison;
+  private seekRequest: Seek;
+  private targetKey = "";
   private loading = "";
 
   constructor(
     readonly store: Store,
     readonly rest: Rest,
     port: Port,
-    private readonly still: boolean,
+    private readonly reducedMotion: boolean,
   ) {
     this.stream = new StreamClient(
       port,
-      (message) => this.heard(message),
-      (pictures) => this.drawn(pictures),
+      (message) => this.onStreamEvent(message),
+      (pictures) => this.onPictures(pictures),
     );
-    this.version = new OtherVersion(rest, (err) => this.refusedOther(err));
-    this.version.again = () => this.version.want(this.store.view, this.verb);
+    this.version = new VersionComparison(rest, (err) => this.comparisonFailed(err));
+    this.version.onSettled = () => this.version.setTarget(this.store.view, this.verb);
     store.on(["verb"], () => void this.load());
     store.on(["goal"], () => this.completeGoal());
-    this.seeking = { serial: 0, phase: store.view.phase };
+    this.seekRequest = { serial: 0, phase: store.view.phase };
     store.on(["playing", "phase"], (view, before) => {
-      this.hold.release();
-      if (!view.playing || view.phase !== before.phase) this.goTo(view.phase);
+      this.pauseAtGoal.release();
+      if (!view.playing || view.phase !== before.phase) this.seekTo(view.phase);
     });
   }
 
-  on<Name extends keyof Within>(event: Name, then: (what: Within[Name]) => void): () => void {
+  on<Name extends keyof PageEvents>(event: Name, then: (event: PageEvents[Name]) => void): () => void {
     return this.emitter.on(event, then);
   }
 
-  say(text: string, kind: "note" | "error" = "note"): void {
-    this.emitter.emit("say", { text, kind });
+  notify(text: string, kind: "note" | "error" = "note"): void {
+    this.emitter.emit("notice", { text, kind });
   }
 
   start(address: string): void {
@@ -91,9 +91,9 @@ export class Page implements App {
     this.stream.stop();
   }
 
-  /** An animation frame: bring the stream to what is wanted now, and ask for a picture. */
+  /** Update the stream's target and request a picture; call once per animation frame. */
   frame(frameMs: number): void {
-    this.want();
+    this.updateTarget();
     this.stream.draw(frameMs);
   }
 
@@ -101,36 +101,36 @@ export class Page implements App {
     try {
       this.verbs = await this.rest.verbs();
     } catch {
-      // The stream says that nobody answers; this only has to try again.
+      // The connection state is shown by the overlay; only retry here.
       setTimeout(() => void this.reload(), RETRY_MS);
       return;
     }
-    this.answered = true;
+    this.loaded = true;
     this.emitter.emit("verbs", this.verbs);
     const { verb } = this.store.view;
     const known = this.verbs.find(({ name }) => name === verb);
     if (known) return this.load();
-    if (verb) this.say(`The verb “${verb}” is not served here.`, "error");
-    this.choose((this.verbs.find(({ name }) => name === FIRST_CHOICE) ?? this.verbs[0])?.name ?? "");
+    if (verb) this.notify(`Verb “${verb}” does not exist on this server.`, "error");
+    this.selectVerb((this.verbs.find(({ name }) => name === DEFAULT_VERB) ?? this.verbs[0])?.name ?? "");
   }
 
-  /** Show another verb, from its own beginning. */
-  choose(verb: string): void {
+  /** Select another verb and reset the view of the previous one. */
+  selectVerb(verb: string): void {
     if (verb === this.store.view.verb) return;
     const none = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "", slice: null };
-    this.store.change({ verb, ...none, against: { kind: "nothing" } });
+    this.store.change({ verb, ...none, compare: { kind: "none" } });
   }
 
-  /** The goal was moved by hand: follow it there. */
-  aim(goal: Readonly<Record<string, number>>, done: boolean): void {
+  /** Set the goal from user input; pauses a playing motion at the goal's keytime. */
+  setGoal(goal: Readonly<Record<string, number>>, done: boolean): void {
     const { view } = this.store;
     const rounded = Object.entries(goal).map(([name, value]) => [name, round(value)]);
     this.store.change({ goal: { ...view.goal, ...Object.fromEntries(rounded) } });
-    if (view.playing && this.verb) this.hold.move(holdPhase(this.verb, this.opened), done);
+    if (view.playing && this.verb) this.pauseAtGoal.move(followPhase(this.verb, this.opened), done);
   }
 
   pause(): void {
-    const phase = this.hold.phase ?? this.shown.main?.phase ?? this.store.view.phase;
+    const phase = this.pauseAtGoal.phase ?? this.shown.main?.phase ?? this.store.view.phase;
     this.store.change({ playing: false, phase: round(Math.min(Math.max(phase, 0), 1)) });
   }
 
@@ -140,7 +140,7 @@ export class Page implements App {
     this.store.change({ playing: true, ...(ended && { phase: speed < 0 ? 1 : 0 }) });
   }
 
-  /** Stand at another phase. */
+  /** Pause at a phase. */
   seek(phase: number): void {
     this.store.change({ playing: false, phase: round(Math.min(Math.max(phase, 0), 1)) });
   }
@@ -155,84 +155,84 @@ export class Page implements App {
     } catch (err) {
       if (this.loading !== name) return;
       if (err instanceof Problem && err.status === 0) setTimeout(() => void this.load(), RETRY_MS);
-      else this.say(textOf(err), "error");
+      else this.notify(textOf(err), "error");
     }
   }
 
   private show(verb: Verb): void {
-    const other = this.verb?.name !== verb.name;
+    const changed = this.verb?.name !== verb.name;
     this.verb = verb;
-    if (other) {
+    if (changed) {
       this.opened = null;
-      this.shown.main = this.shown.other = null;
+      this.shown.main = this.shown.comparison = null;
     }
     const { view } = this.store;
-    const { against } = view;
+    const { compare } = view;
     if (view.method && !verb.methods.includes(view.method)) this.store.change({ method: "" });
-    if (against.kind === "method" && !verb.methods.includes(against.method))
-      this.store.change({ against: { kind: "nothing" } });
-    if (other && this.still && !view.playing && view.phase === 0)
+    if (compare.kind === "method" && !verb.methods.includes(compare.method))
+      this.store.change({ compare: { kind: "none" } });
+    if (changed && this.reducedMotion && !view.playing && view.phase === 0)
       this.store.change({ phase: round(effectorPhase(verb) ?? 0.5) });
     this.emitter.emit("verb", verb);
-    this.want();
+    this.updateTarget();
   }
 
-  private want(): void {
+  private updateTarget(): void {
     const { verb } = this;
     const { view } = this.store;
     if (!verb || verb.name !== view.verb) return;
-    const goal = inOrder(verb, view.goal);
+    const goal = adverbValues(verb, view.goal);
     const main: Motion = {
       verb: verb.name,
       method: view.method,
       names: verb.adverbs.map(({ name }) => name),
       fps: view.fps,
       encoding: view.encoding,
-      playing: view.playing && this.hold.phase === null,
+      playing: view.playing && this.pauseAtGoal.phase === null,
       speed: view.speed,
       loop: view.loop,
-      seek: this.seeking,
+      seek: this.seekRequest,
     };
-    const other = view.against.kind === "method" ? { ...main, method: view.against.method } : null;
-    const key = JSON.stringify([main, goal, view.crowd, other, verb.version]);
-    if (key === this.wanted) return;
-    this.wanted = key;
-    this.stream.want({ main, adverbs: crowdGoals(verb, goal, view.crowd), other });
-    this.version.want(view, verb);
+    const comparison = view.compare.kind === "method" ? { ...main, method: view.compare.method } : null;
+    const key = JSON.stringify([main, goal, view.crowd, comparison, verb.version]);
+    if (key === this.targetKey) return;
+    this.targetKey = key;
+    this.stream.setTarget({ main, adverbs: crowdGoals(verb, goal, view.crowd), comparison });
+    this.version.setTarget(view, verb);
   }
 
-  private goTo(phase: number): void {
-    this.seeking = { serial: this.seeking.serial + 1, phase };
+  private seekTo(phase: number): void {
+    this.seekRequest = { serial: this.seekRequest.serial + 1, phase };
   }
 
-  private held(): void {
-    if (this.hold.phase !== null) this.goTo(this.hold.phase);
-    this.emitter.emit("hold", this.hold.phase);
+  private onPauseChange(): void {
+    if (this.pauseAtGoal.phase !== null) this.seekTo(this.pauseAtGoal.phase);
+    this.emitter.emit("pause", this.pauseAtGoal.phase);
   }
 
-  private heard(message: Heard): void {
+  private onStreamEvent(message: StreamEvent): void {
     switch (message.kind) {
       case "connection":
-        return this.connected(message);
+        return this.onConnection(message);
       case "opened":
-        return this.answer(message.side, message.opened);
+        return this.onOpened(message.role, message.opened);
       case "stats":
         this.stats = message.stats;
         return this.emitter.emit("stats", message.stats);
       case "event":
         return this.emitter.emit("event", message);
       case "end":
-        return this.ended();
+        return this.onEnd();
       case "version":
         if (this.opened?.verb === message.verb) this.opened = { ...this.opened, version: message.version };
         return void this.reload();
       case "refused":
-        if (message.side === "other") return this.refusedOther(new Error(message.detail));
-        return this.say(message.detail, "error");
+        if (message.role === "comparison") return this.comparisonFailed(new Error(message.detail));
+        return this.notify(message.detail, "error");
     }
   }
 
-  private connected({ connection, detail, againInS }: Extract<Heard, { kind: "connection" }>): void {
+  private onConnection({ connection, detail, againInS }: Extract<StreamEvent, { kind: "connection" }>): void {
     const back = connection === "open" && this.connection === "lost";
     this.connection = connection;
     this.emitter.emit("connection", connection);
@@ -240,8 +240,8 @@ export class Page implements App {
     if (back) void this.reload();
   }
 
-  private answer(side: Side, opened: Opened): void {
-    if (side === "other") return;
+  private onOpened(role: Role, opened: Opened): void {
+    if (role === "comparison") return;
     this.opened = opened;
     this.emitter.emit("opened", opened);
     const { verb } = this;
@@ -250,41 +250,42 @@ export class Page implements App {
     this.completeGoal();
   }
 
-  /** A link may hold no goal, or one of another verb: then it is the one that the server chose. */
+  /** Fill in the server's default goal when the link has no goal for this verb. */
   private completeGoal(): void {
     const { verb, opened } = this;
     const { view } = this.store;
-    if (!verb || verb.name !== view.verb || verb.name !== opened?.verb || inOrder(verb, view.goal).length > 0) return;
+    if (!verb || verb.name !== view.verb || verb.name !== opened?.verb || adverbValues(verb, view.goal).length > 0)
+      return;
     this.store.change({
-      goal: byName(
+      goal: adverbsByName(
         verb,
         opened.adverbs.map((adverb) => round(adverb.goal)),
       ),
     });
   }
 
-  /** A motion that does not loop has reached its end, and holds there. */
-  private ended(): void {
+  /** A motion that does not loop pauses at its end. */
+  private onEnd(): void {
     const { view } = this.store;
     if (view.playing && !view.loop) this.store.change({ playing: false, phase: view.speed < 0 ? 0 : 1 });
   }
 
-  private drawn(pictures: Record<Side, Drawn | null>): void {
-    const { main, other } = pictures;
+  private onPictures(pictures: Record<Role, Drawn | null>): void {
+    const { main, comparison } = pictures;
     const { verb } = this;
-    if (!main || !verb || main.shown.verb !== verb.name || (other && other.shown.verb !== verb.name)) return;
+    if (!main || !verb || main.shown.verb !== verb.name || (comparison && comparison.shown.verb !== verb.name)) return;
     this.shown.main = main.shown;
-    this.emitter.emit("picture", { side: "main", picture: pictureOf(main) });
-    const beside = this.version.beside(main.shown, main.poses, verb.looping);
-    this.shown.other = beside?.shown ?? other?.shown ?? null;
-    const picture = beside?.picture ?? (other ? pictureOf(other) : null);
-    this.emitter.emit("picture", { side: "other", picture });
+    this.emitter.emit("picture", { role: "main", picture: pictureOf(main) });
+    const version = this.version.beside(main.shown, main.poses, verb.looping);
+    this.shown.comparison = version?.shown ?? comparison?.shown ?? null;
+    const picture = version?.picture ?? (comparison ? pictureOf(comparison) : null);
+    this.emitter.emit("picture", { role: "comparison", picture });
     this.emitter.emit("frame", main.shown);
   }
 
-  private refusedOther(err: unknown): void {
-    this.store.change({ against: { kind: "nothing" } });
-    this.say(`Nothing to compare with: ${textOf(err)}`, "error");
+  private comparisonFailed(err: unknown): void {
+    this.store.change({ compare: { kind: "none" } });
+    this.notify(`Comparison failed: ${textOf(err)}`, "error");
   }
 }
 
@@ -292,7 +293,7 @@ function pictureOf({ shown, poses }: Drawn): Picture {
   return { count: shown.count, poses, error: shown.error, phase: shown.phase };
 }
 
-/** Enough digits for a tenth of a millimetre, and links that can be read. */
+/** Round to 0.1 mm, which keeps links readable. */
 function round(value: number): number {
   return Number(value.toFixed(DIGITS));
 }

@@ -1,16 +1,16 @@
-/** Another version of the verb at the same goal and phase: its motion is fetched whenever the goal has moved. */
+/** Another version of the verb at the same goal and phase, fetched onSettled when the goal changes. */
 
 import type { Picture, Rest, Shown, Verb, View } from "./types";
-import { inOrder } from "./verb";
+import { adverbValues } from "./verb";
 import { FLAGS, poseLength } from "./wire/decode";
-import { standAs, Track } from "./wire/sequence";
+import { alignRoot, Sequence } from "./wire/sequence";
 
 const FPS = 60;
 
-export class OtherVersion {
-  private track: Track | null = null;
+export class VersionComparison {
+  private track: Sequence | null = null;
   private pose = new Float32Array(0);
-  private wanted = "";
+  private targetKey = "";
   private fetched = "";
   private busy = false;
 
@@ -19,24 +19,24 @@ export class OtherVersion {
     private readonly failed: (err: unknown) => void,
   ) {}
 
-  /** The view or the verb changed. Calls that are overtaken by a newer goal are not made. */
-  want(view: View, verb: Verb | null): void {
-    const { against } = view;
-    if (against.kind !== "version" || !verb || inOrder(verb, view.goal).length === 0) {
-      this.wanted = this.fetched = "";
+  /** Request the comparison of the current view. At most one request runs; only the newest goal follows it. */
+  setTarget(view: View, verb: Verb | null): void {
+    const { compare } = view;
+    if (compare.kind !== "version" || !verb || adverbValues(verb, view.goal).length === 0) {
+      this.targetKey = this.fetched = "";
       this.track = null;
       return;
     }
     const { goal, method } = view;
-    this.wanted = JSON.stringify({ verb: verb.name, against, goal, method });
-    if (!this.busy && this.wanted !== this.fetched) void this.fetch(view, verb, against.version);
+    this.targetKey = JSON.stringify({ verb: verb.name, compare, goal, method });
+    if (!this.busy && this.targetKey !== this.fetched) void this.fetch(view, verb, compare.version);
   }
 
-  /** The picture beside one of the steered figure, or null where none is wanted or there yet. */
+  /** The comparison's picture at the phase of the main figure, or null if there is none. */
   beside(shown: Shown, main: Float32Array, looping: boolean): { picture: Picture; shown: Shown } | null {
     if (!this.track) return null;
     const head = this.track.at(shown.phase, this.pose);
-    if (looping) standAs(this.pose, main);
+    if (looping) alignRoot(this.pose, main);
     const { version, timeS: time_s, durationS: duration_s, error } = head;
     const root: Shown["root"] = [this.pose[0] as number, this.pose[1] as number, this.pose[2] as number];
     return {
@@ -55,14 +55,14 @@ export class OtherVersion {
   }
 
   private async fetch(view: View, verb: Verb, version: number): Promise<void> {
-    const asked = this.wanted;
+    const key = this.targetKey;
     this.busy = true;
     try {
       const method = view.method ? { method: view.method } : {};
       const content = await this.rest.sequence(verb.name, { adverbs: { ...view.goal }, version, fps: FPS, ...method });
       const joints = verb.skeleton.names.length;
-      const track = new Track(content, joints);
-      if (this.wanted === "") return;
+      const track = new Sequence(content, joints);
+      if (this.targetKey === "") return;
       this.pose = new Float32Array(poseLength(joints));
       this.track = track;
     } catch (err) {
@@ -70,11 +70,11 @@ export class OtherVersion {
       this.failed(err);
     } finally {
       this.busy = false;
-      this.fetched = asked;
-      this.again?.();
+      this.fetched = key;
+      this.onSettled?.();
     }
   }
 
-  /** Called when an answer has come: the goal may have moved on. */
-  again: (() => void) | null = null;
+  /** Called after a request ends, since the goal may have changed. */
+  onSettled: (() => void) | null = null;
 }

@@ -8,7 +8,7 @@ const verb = {
   examples: [-1, 1].flatMap((x) => [-1, 1].map((y) => ({ adverbs: { x, y } }))),
 } as unknown as Verb;
 
-test("the first is the one that is steered, the others are spread over the examples' hull", () => {
+test("the first goal is the given one, the others are spread over the examples' hull", () => {
   const goals = crowdGoals(verb, [0.25, 0.5], 1000);
   expect(goals).toHaveLength(1000);
   expect(goals[0]).toEqual([0.25, 0.5]);
@@ -18,6 +18,6 @@ test("the first is the one that is steered, the others are spread over the examp
   expect(new Set(goals.map((goal) => goal.join())).size).toBeGreaterThan(700);
 });
 
-test("a crowd that grows keeps those who are there", () => {
+test("a growing crowd keeps its first goals", () => {
   expect(crowdGoals(verb, [0, 0], 500).slice(0, 20)).toEqual(crowdGoals(verb, [0, 0], 20));
 });

@@ -1,13 +1,13 @@
-/** A crowd's goals: spread over the examples' hull, the same ones each time. */
+/** Goals of a crowd, spread over the convex hull of the examples; deterministic. */
 
 import type { Verb } from "./types";
 
-/** Steps of a low-discrepancy sequence of two numbers: powers of the plastic number. */
+/** Steps of a two-dimensional low-discrepancy sequence: powers of the plastic number. */
 const STEPS = [0.7548776662466927, 0.5698402909980532] as const;
 
 /**
- * Adverbs of so many characters, in the order of the verb's: the first is the goal itself, each other one lies between
- * two examples.
+ * Adverbs of each character in the verb's order. The first is the goal; the others are interpolated between two
+ * examples.
  */
 export function crowdGoals(verb: Verb, goal: readonly number[], characters: number): number[][] {
   const { examples, adverbs } = verb;

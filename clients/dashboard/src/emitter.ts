@@ -1,14 +1,14 @@
-/** Who wants to know, and what there is to tell; typed by event. */
+/** Typed event emitter. */
 export class Emitter<Events> {
-  private readonly listeners = new Map<keyof Events, Set<(what: never) => void>>();
+  private readonly listeners = new Map<keyof Events, Set<(event: never) => void>>();
 
-  on<Name extends keyof Events>(event: Name, then: (what: Events[Name]) => void): () => void {
+  on<Name extends keyof Events>(event: Name, then: (event: Events[Name]) => void): () => void {
     const known = this.listeners.get(event) ?? new Set();
     this.listeners.set(event, known.add(then));
     return () => void known.delete(then);
   }
 
-  emit<Name extends keyof Events>(event: Name, what: Events[Name]): void {
-    for (const then of [...(this.listeners.get(event) ?? [])]) (then as (what: Events[Name]) => void)(what);
+  emit<Name extends keyof Events>(name: Name, event: Events[Name]): void {
+    for (const then of [...(this.listeners.get(name) ?? [])]) (then as (event: Events[Name]) => void)(event);
   }
 }

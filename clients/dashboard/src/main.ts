@@ -1,4 +1,4 @@
-/** The page: parts are made here, and joined; the rest of it knows no more than its neighbours. */
+/** Entry point: creates the parts of the page and connects them. */
 
 import { createRest } from "./api/rest";
 import { Page } from "./app";
@@ -6,29 +6,29 @@ import { publish } from "./published_state";
 import { createStage } from "./scene/stage";
 import { h } from "./shell/dom";
 import { header } from "./shell/header";
-import { keyList, listen } from "./shell/keys";
-import { notices, veil } from "./shell/notices";
+import { bindKeys, shortcutDialog } from "./shell/keys";
+import { notices, overlay } from "./shell/notices";
 import { panel } from "./shell/panel";
 import { readout } from "./shell/readout";
 import { transport } from "./shell/transport";
 import { verbTab } from "./shell/verb_tab";
 import { createStore, readView, syncAddress } from "./store";
-import { Colours } from "./theme";
-import type { Stage, View } from "./types";
+import { ThemeController } from "./theme";
+import type { Drawn, Stage, View } from "./types";
 import { openWorker } from "./wire/client";
 
 const CAMERA_DIGITS = 3;
 
 function start(): void {
-  const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)").matches;
   const link = readView(location.hash);
-  const store = createStore(still && !location.hash.includes("playing=") ? { ...link, playing: false } : link);
+  const store = createStore(reducedMotion && !location.hash.includes("playing=") ? { ...link, playing: false } : link);
   syncAddress(store);
-  const colours = new Colours(store, document.documentElement);
-  const page = new Page(store, createRest(), openWorker(), still);
+  const colours = new ThemeController(store, document.documentElement);
+  const page = new Page(store, createRest(), openWorker(), reducedMotion);
   const canvas = h("div", { className: "stage" });
   const scene = h("main", { className: "scene", "aria-label": "Scene" }, canvas);
-  const keys = keyList();
+  const keys = shortcutDialog();
   const help = () => (keys.open ? keys.close() : keys.showModal());
   let stage: Stage | null = null;
   const reset = () => {
@@ -36,17 +36,22 @@ function start(): void {
     stage?.resetView();
   };
   const bar = transport(page);
-  scene.append(readout(page), veil(page, scene), notices(page), bar);
+  scene.append(
+    readout(page, () => (stage ? goalDistance(stage.drawn) : null)),
+    overlay(page, scene),
+    notices(page),
+    bar,
+  );
   document.body.append(header(page, help), scene, panel(page, verbTab(page, reset)), keys);
-  listen(page, reset, help);
+  bindKeys(page, reset, help);
   try {
     stage = createStage(canvas);
   } catch (err) {
-    page.say(err instanceof Error ? err.message : String(err), "error");
+    page.notify(err instanceof Error ? err.message : String(err), "error");
   }
   if (stage) {
     join(page, stage, colours);
-    makeRoom(stage, scene, bar);
+    keepClear(stage, scene, bar);
   }
   publish(page, stage);
   page.start(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/v1/stream`);
@@ -58,16 +63,21 @@ function start(): void {
   addEventListener("pagehide", (event) => event.persisted || page.stop());
 }
 
-/** The figure is shown above the transport bar, whatever the window's size. */
-function makeRoom(stage: Stage, scene: HTMLElement, bar: HTMLElement): void {
-  const fit = () => stage.setAside(0, scene.getBoundingClientRect().bottom - bar.getBoundingClientRect().top);
+/** Distance between effector and goal in the last frame, m; null if one of them has no position. */
+function goalDistance({ effector, goal }: Drawn): number | null {
+  return effector && goal ? Math.hypot(...effector.map((value, k) => value - (goal[k] as number))) : null;
+}
+
+/** Keep the figure above the transport bar at every window size. */
+function keepClear(stage: Stage, scene: HTMLElement, bar: HTMLElement): void {
+  const fit = () => stage.setInset(0, scene.getBoundingClientRect().bottom - bar.getBoundingClientRect().top);
   const sizes = new ResizeObserver(fit);
   sizes.observe(scene);
   sizes.observe(bar);
 }
 
-/** What the view says goes to the stage, and what is done on the stage goes to the view. */
-function join(page: Page, stage: Stage, colours: Colours): void {
+/** Bind view to stage and stage to view. */
+function join(page: Page, stage: Stage, colours: ThemeController): void {
   const { store } = page;
   const bind = (keys: (keyof View)[], then: (view: View) => void) => {
     then(store.view);
@@ -87,12 +97,12 @@ function join(page: Page, stage: Stage, colours: Colours): void {
     stage.setGoal(store.view.goal);
     stage.setCamera(store.view.camera);
   });
-  page.on("picture", ({ side, picture }) => {
-    stage.show(side, picture);
+  page.on("picture", ({ role, picture }) => {
+    stage.show(role, picture);
     if (picture) document.documentElement.dataset.ready ??= "true";
   });
-  stage.onGoal = (goal, done) => page.aim(goal, done);
-  stage.onExample = (adverbs) => page.aim(adverbs, true);
+  stage.onGoal = (goal, done) => page.setGoal(goal, done);
+  stage.onExample = (adverbs) => page.setGoal(adverbs, true);
   stage.onCamera = (camera) => {
     const rounded = camera.map((value) => Number(value.toFixed(CAMERA_DIGITS)));
     moved = JSON.stringify(rounded);

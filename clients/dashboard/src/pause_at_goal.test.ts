@@ -1,14 +1,14 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { Hold } from "./pause_at_goal";
+import { PauseAtGoal } from "./pause_at_goal";
 
 beforeEach(() => void vi.useFakeTimers());
 afterEach(() => void vi.useRealTimers());
 
-test("held while the goal is moved, and on again a second after it was let go", () => {
+test("the motion pauses during a drag and resumes one second after it", () => {
   const changed = vi.fn();
-  const hold = new Hold(changed);
+  const hold = new PauseAtGoal(changed);
   hold.move(0.5, false);
-  vi.advanceTimersByTime(60_000); // a hand that rests on the goal still has it
+  vi.advanceTimersByTime(60_000); // the drag has not ended
   expect(hold.phase).toBe(0.5);
   hold.move(0.5, true);
   vi.advanceTimersByTime(900);
@@ -20,8 +20,8 @@ test("held while the goal is moved, and on again a second after it was let go", 
   expect(changed).toHaveBeenCalledTimes(2);
 });
 
-test("a verb that meets its goal nowhere is not held", () => {
+test("a verb without a goal keytime is not paused", () => {
   const changed = vi.fn();
-  new Hold(changed).move(null, false);
+  new PauseAtGoal(changed).move(null, false);
   expect(changed).not.toHaveBeenCalled();
 });

@@ -1,18 +1,18 @@
 /**
- * While a goal is moved, the figure is held at the instant that meets it, so that the effector follows the hand; a
- * second after the last move it plays on from there. Where the user has stopped the motion nothing is taken over.
+ * Pauses a playing figure at the goal's keytime while the goal is dragged, so that the effector follows the pointer.
+ * Playback resumes one second after the last change. A motion paused by the user stays paused.
  */
 
 const GO_ON_MS = 1000;
 
-export class Hold {
-  /** Where the figure is held; null while it is not. */
+export class PauseAtGoal {
+  /** Phase of the pause; null while not paused. */
   phase: number | null = null;
   private timer: ReturnType<typeof setTimeout> | undefined;
 
   constructor(private readonly changed: () => void) {}
 
-  /** The goal moved; `done` when it was let go. */
+  /** The goal changed; `done` at the end of a drag. */
   move(phase: number | null, done: boolean): void {
     clearTimeout(this.timer);
     if (phase === null) return this.release();

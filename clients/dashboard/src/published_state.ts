@@ -1,29 +1,29 @@
-/** `window.adverb`: what the page shows, for tests and for the curious; read only. */
+/** `window.adverb`: read-only page state for tests. */
 
 import type { Page } from "./app";
-import type { Connection, Opened, Shown, Side, Stage, Stats, View } from "./types";
+import type { Connection, Opened, Role, Shown, Stage, Stats, View } from "./types";
 
-export interface Published {
+export interface PublishedState {
   readonly view: View;
   readonly opened: Opened | null;
-  /** What is known of the last picture of either side. */
-  readonly shown: Readonly<Record<Side, Shown | null>>;
-  /** Phase at which the figure is held while the goal moves, else null. */
-  readonly held: number | null;
+  /** Last displayed state of each figure. */
+  readonly shown: Readonly<Record<Role, Shown | null>>;
+  /** Phase of an automatic pause at the goal, else null. */
+  readonly pausedAtGoal: number | null;
   readonly connection: Connection;
   readonly stats: Stats | null;
-  /** What the stage drew last: frames so far, and world places of the effector and the goal. */
+  /** Last drawn frame: count, world positions of effector and goal. */
   readonly drawn: Stage["drawn"] | null;
 }
 
 declare global {
   interface Window {
-    readonly adverb: Published;
+    readonly adverb: PublishedState;
   }
 }
 
 export function publish(page: Page, stage: Stage | null): void {
-  const published: Published = {
+  const published: PublishedState = {
     get view() {
       return page.store.view;
     },
@@ -33,8 +33,8 @@ export function publish(page: Page, stage: Stage | null): void {
     get shown() {
       return { ...page.shown };
     },
-    get held() {
-      return page.hold.phase;
+    get pausedAtGoal() {
+      return page.pauseAtGoal.phase;
     },
     get connection() {
       return page.connection;

@@ -1,14 +1,14 @@
 import fc from "fast-check";
 import { expect, test, vi } from "vitest";
 import { createStore, DEFAULTS, readView, writeView } from "./store";
-import type { Against, View } from "./types";
+import type { Comparison, View } from "./types";
 
 const number = fc.double({ min: -1e9, max: 1e9, noNaN: true }).map((value) => value + 0); // no negative zero in a link
 const name = fc.string({ minLength: 1, maxLength: 40 });
-const against: fc.Arbitrary<Against> = fc.oneof(
-  fc.constant<Against>({ kind: "nothing" }),
-  name.map((method): Against => ({ kind: "method", method })),
-  fc.integer({ min: 1, max: 2 ** 32 - 1 }).map((version): Against => ({ kind: "version", version })),
+const compare: fc.Arbitrary<Comparison> = fc.oneof(
+  fc.constant<Comparison>({ kind: "none" }),
+  name.map((method): Comparison => ({ kind: "method", method })),
+  fc.integer({ min: 1, max: 2 ** 32 - 1 }).map((version): Comparison => ({ kind: "version", version })),
 );
 const view: fc.Arbitrary<View> = fc.record<View>({
   verb: fc.string({ maxLength: 40 }),
@@ -21,14 +21,14 @@ const view: fc.Arbitrary<View> = fc.record<View>({
   fps: fc.integer({ min: 1, max: 120 }),
   encoding: fc.constantFrom("f32", "q48"),
   crowd: fc.integer({ min: 1, max: 1000 }),
-  against,
+  compare,
   hull: fc.boolean(),
   examples: fc.boolean(),
   pseudo: fc.boolean(),
   follow: fc.boolean(),
   detail: fc.constantFrom("high", "low"),
   theme: fc.constantFrom("auto", "light", "dark"),
-  panel: fc.constantFrom("verb", "quality", "versions", "service", "add"),
+  panel: fc.constantFrom("verb", "quality", "versions", "service", "upload"),
   camera: fc.option(fc.array(number, { minLength: 6, maxLength: 6 })),
   across: fc.string({ maxLength: 40 }),
   up: fc.string({ maxLength: 40 }),
@@ -40,21 +40,21 @@ const view: fc.Arbitrary<View> = fc.record<View>({
   slice: fc.option(fc.dictionary(name, number, { minKeys: 1, maxKeys: 6, noNullPrototype: true })),
 });
 
-test("a link brings every view back", () => {
+test("every view survives a round trip through its link", () => {
   fc.assert(
-    fc.property(view, (wanted) => {
-      expect(readView(writeView(wanted))).toEqual(wanted);
+    fc.property(view, (original) => {
+      expect(readView(writeView(original))).toEqual(original);
     }),
     { numRuns: 300 },
   );
 });
 
-test("every field changes the link, and what is as usual is left out", () => {
+test("every field changes the link, and defaults are omitted", () => {
   expect(writeView(DEFAULTS)).toBe("");
   const other: View = {
     ...{ verb: "kick", method: "rbf", goal: { x: 1 }, phase: 0.5, playing: false, speed: -1, loop: false, fps: 30 },
-    ...{ encoding: "q48", crowd: 2, against: { kind: "version", version: 3 }, hull: false, examples: false },
-    ...{ pseudo: true, follow: false, detail: "low", theme: "dark", panel: "add", camera: [1, 2, 3, 4, 5, 6] },
+    ...{ encoding: "q48", crowd: 2, compare: { kind: "version", version: 3 }, hull: false, examples: false },
+    ...{ pseudo: true, follow: false, detail: "low", theme: "dark", panel: "upload", camera: [1, 2, 3, 4, 5, 6] },
     ...{ across: "x", up: "y", map: "smoothness", maps: ["rbf", "knn"], slice: { z: 1 } },
   };
   for (const key of Object.keys(DEFAULTS) as (keyof View)[]) {
@@ -75,8 +75,8 @@ test.each([
   ["crowd=100000", "crowd"],
   ["playing=maybe", "playing"],
   ["encoding=weights", "encoding"],
-  ["against=method:", "against"],
-  ["against=version:-1", "against"],
+  ["compare=method:", "compare"],
+  ["compare=version:-1", "compare"],
   ["camera=1,2,3", "camera"],
   ["camera=1,2,3,4,5,x", "camera"],
   [`verb=${"x".repeat(500)}`, "verb"],
@@ -88,7 +88,7 @@ test.each([
   expect(readView(`#${words}`)[key]).toEqual(DEFAULTS[key]);
 });
 
-test("any text at all is a view", () => {
+test("any text parses to a view", () => {
   fc.assert(
     fc.property(fc.string({ maxLength: 200 }), (text) => {
       const { goal, ...rest } = readView(text);
@@ -97,17 +97,17 @@ test("any text at all is a view", () => {
   );
 });
 
-test("listeners hear what they asked for, once per change, and only of changes", () => {
+test("listeners are called once per change of their keys", () => {
   const store = createStore(DEFAULTS);
-  const heard = vi.fn();
-  const stop = store.on(["fps", "loop"], heard);
+  const listener = vi.fn();
+  const stop = store.on(["fps", "loop"], listener);
   store.change({ fps: 60, goal: { x: 1 } });
-  expect(heard).not.toHaveBeenCalled();
+  expect(listener).not.toHaveBeenCalled();
   store.change({ fps: 30, loop: false });
-  expect(heard).toHaveBeenCalledTimes(1);
-  expect(heard.mock.calls[0]?.map((each: View) => each.fps)).toEqual([30, 60]);
+  expect(listener).toHaveBeenCalledTimes(1);
+  expect(listener.mock.calls[0]?.map((each: View) => each.fps)).toEqual([30, 60]);
   store.change({ goal: { x: 1 } });
   stop();
   store.change({ fps: 24 });
-  expect(heard).toHaveBeenCalledTimes(1);
+  expect(listener).toHaveBeenCalledTimes(1);
 });

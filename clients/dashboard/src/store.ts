@@ -1,6 +1,6 @@
-/** The view, and the link that holds it: every field stands in the page's address, bad ones fall back. */
+/** The view and its link: every field is stored in the URL hash; invalid fields fall back to defaults. */
 
-import type { Against, Store, View } from "./types";
+import type { Comparison, Store, View } from "./types";
 
 export const DEFAULTS: View = {
   verb: "",
@@ -13,7 +13,7 @@ export const DEFAULTS: View = {
   fps: 60,
   encoding: "f32",
   crowd: 1,
-  against: { kind: "nothing" },
+  compare: { kind: "none" },
   hull: true,
   examples: true,
   pseudo: false,
@@ -29,7 +29,7 @@ export const DEFAULTS: View = {
   slice: null,
 };
 
-/** What is allowed; the controls keep to the same bounds. */
+/** Valid ranges, shared with the controls. */
 export const BOUNDS = {
   phase: [0, 1],
   speed: [-2, 2],
@@ -45,23 +45,23 @@ const MOST_ADVERBS = 16;
 const MOST_MAPS = 16;
 const WRITE_AFTER_MS = 250;
 
-/** One field and its words in the address; `read` gives undefined for what is not allowed. */
-interface Words<Value> {
+/** Text encoding of one field; `read` returns undefined for invalid text. */
+interface Codec<Value> {
   read(text: string): Value | undefined;
   write(value: Value): string;
 }
 
-const name: Words<string> = {
+const name: Codec<string> = {
   read: (text) => (text.length <= LONGEST_NAME ? text : undefined),
   write: (value) => value,
 };
 
-const flag: Words<boolean> = {
+const flag: Codec<boolean> = {
   read: (text) => (text === "yes" ? true : text === "no" ? false : undefined),
   write: (value) => (value ? "yes" : "no"),
 };
 
-function within([low, high]: readonly [number, number], whole = false): Words<number> {
+function within([low, high]: readonly [number, number], whole = false): Codec<number> {
   return {
     read: (text) => {
       const value = text.trim() === "" ? Number.NaN : Number(text);
@@ -71,16 +71,16 @@ function within([low, high]: readonly [number, number], whole = false): Words<nu
   };
 }
 
-function oneOf<Value extends string>(...values: Value[]): Words<Value> {
+function oneOf<Value extends string>(...values: Value[]): Codec<Value> {
   return { read: (text) => values.find((value) => value === text), write: (value) => value };
 }
 
 const number = within(BOUNDS.number);
 
-const against: Words<Against> = {
+const compare: Codec<Comparison> = {
   read: (text) => {
     const [kind, rest] = [text.slice(0, text.indexOf(":")), text.slice(text.indexOf(":") + 1)];
-    if (text === "nothing") return { kind: "nothing" };
+    if (text === "none") return { kind: "none" };
     if (kind === "method" && rest && name.read(rest)) return { kind, method: rest };
     const version = within([1, 2 ** 32 - 1], true).read(rest);
     return kind === "version" && version !== undefined ? { kind, version } : undefined;
@@ -93,7 +93,7 @@ const against: Words<Against> = {
         : value.kind,
 };
 
-const camera: Words<readonly number[] | null> = {
+const camera: Codec<readonly number[] | null> = {
   read: (text) => {
     const values = text.split(",").map(number.read);
     return values.length === 6 && values.every((value) => value !== undefined) ? values : undefined;
@@ -101,7 +101,7 @@ const camera: Words<readonly number[] | null> = {
   write: (value) => (value ?? []).join(),
 };
 
-const names: Words<readonly string[]> = {
+const names: Codec<readonly string[]> = {
   read: (text) => {
     const values = text.split(",");
     return values.length <= MOST_MAPS && values.every((value) => value && name.read(value)) ? values : undefined;
@@ -109,7 +109,7 @@ const names: Words<readonly string[]> = {
   write: (values) => values.join(),
 };
 
-const WORDS: { [Key in Exclude<keyof View, "goal" | "slice">]: Words<View[Key]> } = {
+const CODECS: { [Key in Exclude<keyof View, "goal" | "slice">]: Codec<View[Key]> } = {
   verb: name,
   method: name,
   phase: within(BOUNDS.phase),
@@ -119,14 +119,14 @@ const WORDS: { [Key in Exclude<keyof View, "goal" | "slice">]: Words<View[Key]> 
   fps: within(BOUNDS.fps, true),
   encoding: oneOf("f32", "q48"),
   crowd: within(BOUNDS.crowd, true),
-  against,
+  compare,
   hull: flag,
   examples: flag,
   pseudo: flag,
   follow: flag,
   detail: oneOf("high", "low"),
   theme: oneOf("auto", "light", "dark"),
-  panel: oneOf("verb", "quality", "versions", "service", "add"),
+  panel: oneOf("verb", "quality", "versions", "service", "upload"),
   camera,
   across: name,
   up: name,
@@ -134,11 +134,11 @@ const WORDS: { [Key in Exclude<keyof View, "goal" | "slice">]: Words<View[Key]> 
   maps: names,
 };
 
-/** The view that a link's hash holds; what is missing or not allowed is as in `base`. */
+/** Parse a link's hash; missing and invalid fields are taken from `base`. */
 export function readView(hash: string, base: View = DEFAULTS): View {
   const words = new URLSearchParams(hash.replace(/^#/, ""));
   const view: Record<string, unknown> = { ...base };
-  for (const [key, { read }] of Object.entries(WORDS)) {
+  for (const [key, { read }] of Object.entries(CODECS)) {
     const text = words.get(key);
     const value = text === null ? undefined : read(text);
     if (value !== undefined) view[key] = value;
@@ -147,7 +147,7 @@ export function readView(hash: string, base: View = DEFAULTS): View {
   return { ...(view as unknown as View), ...adverbs };
 }
 
-/** Numbers by the rest of their keys, which begin with the same prefix; null where there are none. */
+/** Numbers of all keys with a prefix, by the rest of the key; null if there are none. */
 function readAdverbs(words: URLSearchParams, prefix: string): Record<string, number> | null {
   const found = [...words]
     .filter(([key, text]) => key.startsWith(prefix) && name.read(key) && number.read(text) !== undefined)
@@ -156,11 +156,11 @@ function readAdverbs(words: URLSearchParams, prefix: string): Record<string, num
   return found.length > 0 ? Object.fromEntries(found) : null;
 }
 
-/** The hash that holds a view: what differs from the defaults. */
+/** Hash of a view: the fields that differ from the defaults. */
 export function writeView(view: View): string {
   const words = new URLSearchParams();
-  for (const key of Object.keys(WORDS) as (keyof typeof WORDS)[]) {
-    const { write } = WORDS[key] as Words<unknown>;
+  for (const key of Object.keys(CODECS) as (keyof typeof CODECS)[]) {
+    const { write } = CODECS[key] as Codec<unknown>;
     if (!same(view[key], DEFAULTS[key])) words.set(key, write(view[key]));
   }
   for (const [key, value] of Object.entries(view.goal)) words.set(GOAL + key, String(value));
@@ -169,7 +169,7 @@ export function writeView(view: View): string {
   return text && `#${text}`;
 }
 
-/** Whether two values of a field mean the same. */
+/** Deep equality of two field values. */
 export function same(a: unknown, b: unknown): boolean {
   return a === b || JSON.stringify(a) === JSON.stringify(b);
 }

@@ -1,8 +1,8 @@
-/** Light or dark: as the view says, or as the system does. */
+/** Light or dark theme, from the view or the system. */
 
 import type { Store } from "./types";
 
-export class Colours {
+export class ThemeController {
   private readonly system = matchMedia("(prefers-color-scheme: dark)");
   private readonly listeners = new Set<(dark: boolean) => void>();
 
@@ -20,7 +20,7 @@ export class Colours {
     return theme === "auto" ? this.system.matches : theme === "dark";
   }
 
-  /** Calls `then` now, and whenever it changes. */
+  /** Call `then` now and on every change. */
   on(then: (dark: boolean) => void): void {
     this.listeners.add(then);
     then(this.dark);

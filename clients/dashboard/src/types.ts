@@ -1,8 +1,8 @@
 /**
- * What the parts of the page say to each other. Types only.
+ * Types shared by the parts of the page.
  *
- * Data flows one way: stream worker → frames → stage; controls → view → stream. The view is the one place that holds
- * what the page shows; all of it stands in the URL.
+ * Data flows one way: stream worker → frames → stage; controls → view → stream. The view holds all displayed state
+ * and is stored in the URL.
  */
 
 import type { components } from "./generated/schema";
@@ -17,116 +17,116 @@ export type Upload = components["schemas"]["UploadAnswer"];
 export type Ready = components["schemas"]["Ready"];
 export type Opened = components["schemas"]["Opened"];
 
-/** What is set beside the character: nothing, another method, or another version at the same goal. */
-export type Against = { kind: "nothing" } | { kind: "method"; method: string } | { kind: "version"; version: number };
+/** Comparison figure: none, another method, or another version at the same goal. */
+export type Comparison = { kind: "none" } | { kind: "method"; method: string } | { kind: "version"; version: number };
 
-export type Panel = "verb" | "quality" | "versions" | "service" | "add";
+export type Panel = "verb" | "quality" | "versions" | "service" | "upload";
 
-/** Everything that the page shows; a link holds it all. */
+/** Complete state of the page; stored in the link. */
 export interface View {
   verb: string;
-  /** Empty: the verb's own. */
+  /** Empty: the verb's default. */
   method: string;
   /** Adverbs by name, in the verb's units. */
   goal: Readonly<Record<string, number>>;
-  /** 0–1; where the motion stands while it does not play. */
+  /** Phase of a paused motion, 0–1. */
   phase: number;
   playing: boolean;
   speed: number;
   loop: boolean;
   fps: number;
   encoding: "f32" | "q48";
-  /** Characters, 1–1,000. */
+  /** Number of characters, 1–1,000. */
   crowd: number;
-  against: Against;
+  compare: Comparison;
   hull: boolean;
   examples: boolean;
   pseudo: boolean;
-  /** Whether the camera goes with the character. */
+  /** Whether the camera follows the character. */
   follow: boolean;
   detail: "high" | "low";
   theme: "auto" | "light" | "dark";
   panel: Panel;
-  /** Eye x, y, z and target x, y, z; null: chosen by the stage. */
+  /** Camera position and target, x, y, z each; null: framed automatically. */
   camera: readonly number[] | null;
-  /** Quality maps: adverbs on the axes, empty: the first two; what is drawn. */
+  /** Axes of the quality maps (empty: the first two adverbs) and the displayed quantity. */
   across: string;
   up: string;
   map: "error" | "smoothness";
-  /** Methods of the quality maps, empty: chosen by the page. */
+  /** Methods of the quality maps; empty: default selection. */
   maps: readonly string[];
-  /** Where the slice of the maps is, by adverb; null: through the goal. */
+  /** Fixed adverbs of the maps; null: taken from the goal. */
   slice: Readonly<Record<string, number>> | null;
 }
 
 export interface Store {
   readonly view: View;
   change(part: Partial<View>): void;
-  /** Calls `then` after any of the keys changed; returns how to stop. */
+  /** Call `then` after a change of any of the keys; returns the unsubscribe function. */
   on(keys: readonly (keyof View)[], then: (view: View, before: View) => void): () => void;
 }
 
-/** A verb's skeleton, as the REST description gives it. */
+/** Skeleton of a verb, from its REST description. */
 export type Skeleton = Verb["skeleton"];
 
-/** One picture of some characters on one skeleton; arrays may be reused after `Stage.show` returns. */
+/** Poses of some characters on one skeleton at one instant; arrays may be reused after `Stage.show` returns. */
 export interface Picture {
   count: number;
   /** count × (3 + 4·joints): root x, y, z, then local x, y, z, w per joint; glTF axes, metres. */
   poses: Float32Array;
-  /** Error of the first character, m; NaN where none. */
+  /** Error of the first character, m; NaN if not measured. */
   error: number;
   phase: number;
 }
 
-/** Which of two things side by side: the one that is steered, and what is set against it. */
-export type Side = "main" | "other";
+/** The steered figure, or the comparison beside it. */
+export type Role = "main" | "comparison";
 
-/** What the stage drew last. */
+/** State of the last drawn frame. */
 export interface Drawn {
   frames: number;
-  /** World positions of the main side's first character's effector, and of the goal, metres. */
+  /** World positions of the first character's effector and of the goal, metres. */
   effector: readonly number[] | null;
   goal: readonly number[] | null;
-  /** Where the goal's handle is in the window, pixels. */
+  /** Position of the goal handle in the window, pixels. */
   handle: readonly [number, number] | null;
 }
 
-/** The three-dimensional picture. Knows nothing of the network. */
+/** Three-dimensional scene; independent of the network. */
 export interface Stage {
-  /** Show another verb: builds mannequins, frames the camera unless the view holds one. */
+  /** Switch to another verb: builds mannequins and frames the camera. */
   setVerb(verb: Verb): void;
-  show(side: Side, picture: Picture | null): void;
-  /** Where the goal is in adverbs; drawn where the verb's measured adverbs are a place (see `place.ts`). */
+  show(role: Role, picture: Picture | null): void;
+  /** Goal as adverbs; drawn if they map to a position (see `goal_space.ts`). */
   setGoal(goal: Readonly<Record<string, number>>): void;
   setMarks(marks: { hull: boolean; examples: boolean; pseudo: boolean }): void;
   setFollow(follow: boolean): void;
   setDetail(detail: "high" | "low"): void;
   setTheme(dark: boolean): void;
   setCamera(camera: readonly number[] | null): void;
-  /** Pixels at the right and below that something else covers. */
-  setAside(right: number, bottom: number): void;
+  /** Pixels covered by other elements at the right and at the bottom. */
+  setInset(right: number, bottom: number): void;
   resetView(): void;
-  /** The goal was dragged to these adverbs, inside the domain or not; `done` when the pointer was let go. */
+  /** The goal was dragged to these adverbs, which may lie outside the domain; `done` at the release. */
   onGoal: (goal: Record<string, number>, done: boolean) => void;
-  /** An example (or pseudo-example) was chosen. */
+  /** An example or pseudo-example was clicked. */
   onExample: (adverbs: Readonly<Record<string, number>>) => void;
   onCamera: (camera: readonly number[]) => void;
-  /** What was drawn last: for tests and for the readout. */
+  /** Last drawn frame. */
   readonly drawn: Drawn;
   dispose(): void;
 }
 
-/** How the connection is: never opened yet, there, being sought again, given up because the page goes. */
+/** Connection state: first attempt, open, reconnecting, or closed with the page. */
 export type Connection = "connecting" | "open" | "lost" | "closed";
 
-/** What the stream did in the last quarter of a second, and since the page was opened. */
+/** Statistics of the stream: rates of the last second, and totals since the page was opened. */
 export interface Stats {
   connection: Connection;
   messages_per_s: number;
   poses_per_s: number;
   bytes_per_s: number;
-  /** Since the page was opened: messages that the server left out, jumps of the sequence number, connections again. */
+  /** Totals: frames dropped by the server, gaps in the sequence numbers, reconnections. */
   dropped: number;
   gaps: number;
   reconnects: number;
@@ -135,13 +135,13 @@ export interface Stats {
   lateness_p95_ms: number;
   lateness_p99_ms: number;
   round_trip_ms: number;
-  /** How much later than the earliest possible the picture is shown, ms. */
+  /** Display delay of the jitter buffer, ms. */
   buffer_ms: number;
-  /** Channels that the server has open for this page. */
+  /** Open channels of this page. */
   channels: number;
 }
 
-/** What is known of the first character of a side in the picture that is shown. */
+/** Displayed state of a figure's first character. */
 export interface Shown {
   verb: string;
   version: number;
@@ -149,91 +149,92 @@ export interface Shown {
   phase: number;
   time_s: number;
   duration_s: number;
-  /** In the unit of the verb's measure (m, m/s); NaN where nothing is measured. */
+  /** In the unit of the verb's measure (m, m/s); NaN if not measured. */
   error: number;
   clamped: boolean;
   inTransition: boolean;
   /** x, y, z, metres. */
   root: readonly [number, number, number];
-  /** Characters in the picture. */
+  /** Number of characters. */
   count: number;
 }
 
-/** The page, as its panels see it. */
+/** The page as seen by its panels. */
 export interface App {
   readonly store: Store;
   readonly rest: Rest;
-  /** The verbs that are served; empty before the server has answered. */
+  /** Served verbs; empty before the list is loaded. */
   readonly verbs: readonly VerbSummary[];
-  /** The description of the verb that the view names, in its current version; null while it is being loaded. */
+  /** Description of the selected verb in its current version; null while loading. */
   readonly verb: Verb | null;
-  /** What the stream says of the steered character's channel; null before its first answer. */
+  /** `opened` message of the steered character's channel; null before it arrives. */
   readonly opened: Opened | null;
   readonly connection: Connection;
   readonly stats: Stats | null;
-  /** What is shown on either side; null before the first picture. */
-  readonly shown: Readonly<Record<Side, Shown | null>>;
-  /** Calls `then` whenever it happens; returns how to stop. */
-  on<Name extends keyof AppEvents>(event: Name, then: (what: AppEvents[Name]) => void): () => void;
-  /** Ask again for the verbs and the current description: after an upload, a deletion, an activation. */
+  /** Displayed state of each figure; null before the first picture. */
+  readonly shown: Readonly<Record<Role, Shown | null>>;
+  /** Subscribe to an event; returns the unsubscribe function. */
+  on<Name extends keyof AppEvents>(event: Name, then: (event: AppEvents[Name]) => void): () => void;
+  /** Reload the verbs and the current description, as after an upload or an activation. */
   reload(): Promise<void>;
-  /** Say something to the user for a few seconds; errors stay until they are dismissed. */
-  say(text: string, kind?: "note" | "error"): void;
+  /** Show a notice for a few seconds; errors stay until dismissed. */
+  notify(text: string, kind?: "note" | "error"): void;
 }
 
 export interface AppEvents {
-  /** The description changed: another verb, or another version of it. */
+  /** Another verb, or another version of it, was loaded. */
   verb: Verb;
   /** The list of verbs changed. */
   verbs: readonly VerbSummary[];
   opened: Opened;
   connection: Connection;
-  /** Four times a second. */
+  /** Four times per second. */
   stats: Stats;
-  /** Once per picture of the main side. The object is reused: copy what is kept. */
+  /** Once per picture of the main figure. The object is reused; copy what you keep. */
   frame: Shown;
-  /** A keytime passed on the steered character. */
+  /** The steered character passed a keytime. */
   event: { name: string; phase: number };
 }
 
-/** Typed calls of the server's routes; every failure is a `Problem` (`api/rest.ts`). */
+/** Typed calls of the REST routes; failures throw `Problem` (`api/rest.ts`). */
 export interface Rest {
   verbs(signal?: AbortSignal): Promise<VerbSummary[]>;
   verb(name: string, signal?: AbortSignal): Promise<Verb>;
   versions(verb: string, signal?: AbortSignal): Promise<Versions>;
-  /** Serve a version; only while `expected` is served, where it is given. */
+  /** Activate a version; with `expected`, only if that version is current. */
   activate(verb: string, version: number, expected?: number): Promise<Version>;
   /**
-   * An artifact, or a zip of a verb source; which of them is seen from its first bytes. `expected`: the version that
-   * it may replace.
+   * Upload an artifact or a zip of a verb source, detected by the first bytes. `expected` is the version that it may
+   * replace.
    */
   upload(content: Blob, progress?: (share: number) => void, signal?: AbortSignal, expected?: number): Promise<Upload>;
   remove(verb: string): Promise<void>;
-  /** The address of a version's artifact, to be downloaded. */
+  /** URL of a version's artifact. */
   artifact(verb: string, version: number): string;
-  refine(verb: string, asked: Partial<RefinementRequest>): Promise<Refinement>;
-  refinements(asked?: { verb?: string; limit?: number }, signal?: AbortSignal): Promise<Refinement[]>;
+  refine(verb: string, request: Partial<RefinementRequest>): Promise<Refinement>;
+  refinements(query?: { verb?: string; limit?: number }, signal?: AbortSignal): Promise<Refinement[]>;
   refinement(id: string, signal?: AbortSignal): Promise<Refinement>;
   cancel(id: string): Promise<Refinement>;
-  /** Follow a refinement until it ends or `stop` is called; lost connections are taken up again by the browser. */
+  /** Follow a refinement until it ends or the returned function is called; the browser reconnects. */
   follow(id: string, then: (refinement: Refinement, end: boolean) => void): () => void;
-  /** One pose; for maps and probes. */
-  pose(verb: string, asked: PoseRequest, signal?: AbortSignal): Promise<PoseAnswer>;
-  /** Many poses; JSON. */
-  poses(verb: string, asked: PosesRequest, signal?: AbortSignal): Promise<PoseAnswer[]>;
-  /** A whole motion as binary records (docs/wire.md), of any kept version. */
-  sequence(verb: string, asked: SequenceRequest, signal?: AbortSignal): Promise<ArrayBuffer>;
+  /** One pose. */
+  pose(verb: string, request: PoseRequest, signal?: AbortSignal): Promise<PoseAnswer>;
+  /** Many poses, as JSON. */
+  poses(verb: string, request: PosesRequest, signal?: AbortSignal): Promise<PoseAnswer[]>;
+  /** Whole sequence as binary records (docs/wire.md), of any stored version. */
+  sequence(verb: string, request: SequenceRequest, signal?: AbortSignal): Promise<ArrayBuffer>;
   ready(signal?: AbortSignal): Promise<Ready>;
-  /** Prometheus text. */
+  /** Metrics in Prometheus text format. */
   metrics(signal?: AbortSignal): Promise<string>;
-  /** Any other JSON route below `/v1`, with problems as errors. */
+  /** Any other JSON route below `/v1`; failures throw `Problem`. */
   json<T>(path: string, init?: RequestInit): Promise<T>;
 }
 
 export type PoseAnswer = components["schemas"]["PoseAnswer"];
-export type PoseRequest = Asked<components["schemas"]["PoseRequest"], "adverbs">;
-export type PosesRequest = Asked<components["schemas"]["BatchRequest"], "items">;
-export type SequenceRequest = Asked<components["schemas"]["SequenceRequest"], never>;
+export type PoseRequest = PartialRequest<components["schemas"]["PoseRequest"], "adverbs">;
+export type PosesRequest = PartialRequest<components["schemas"]["BatchRequest"], "items">;
+export type SequenceRequest = PartialRequest<components["schemas"]["SequenceRequest"], never>;
 
-/** A request of which only some fields must be given. */
-type Asked<Request, Needed extends keyof Request> = Pick<Request, Needed> & Partial<Omit<Request, Needed>>;
+/** Request with optional fields, except for those named. */
+type PartialRequest<Request, Required extends keyof Request> = Pick<Request, Required> &
+  Partial<Omit<Request, Required>>;

@@ -23,9 +23,9 @@ let server: Server;
 let base: string;
 
 beforeAll(async () => {
-  server = createServer((request: IncomingMessage, answer) => {
+  server = createServer((request: IncomingMessage, response) => {
     const route = ROUTES[`${request.method} ${request.url}`];
-    answer.writeHead(route?.status ?? 500, { "Content-Type": route?.type ?? "text/plain" }).end(route?.body);
+    response.writeHead(route?.status ?? 500, { "Content-Type": route?.type ?? "text/plain" }).end(route?.body);
   });
   await new Promise<void>((done) => server.listen(0, "127.0.0.1", done));
   base = `http://127.0.0.1:${(server.address() as AddressInfo).port}`;
@@ -34,14 +34,14 @@ afterAll(() => void server.close());
 
 const failure = (promise: Promise<unknown>) => promise.catch((err: unknown) => err as Problem);
 
-test("answers come as they are documented, names are escaped", async () => {
+test("responses are unwrapped and names are escaped", async () => {
   const rest = createRest(base);
   expect((await rest.verbs()).map(({ name }) => name)).toEqual(["reach"]);
   expect(await rest.refinements({ verb: "reach", limit: 5 })).toEqual([]);
   expect(await rest.remove("reach")).toBeUndefined();
 });
 
-test("a problem keeps its code, its words, where it is, and what is known", async () => {
+test("a problem has the code, detail, locations and known names of the response", async () => {
   const rest = createRest(base);
   const problem = await failure(rest.verb("a/b"));
   expect(problem).toBeInstanceOf(Problem);
@@ -53,7 +53,7 @@ test("a problem keeps its code, its words, where it is, and what is known", asyn
   expect(await failure(rest.metrics())).toMatchObject({ status: 502, code: "unknown" });
 });
 
-test("no answer at all is a problem of its own, a call that was stopped is none", async () => {
+test("a missing response is a problem with code offline; an abort is not a problem", async () => {
   expect(await failure(createRest("http://127.0.0.1:1").verbs())).toMatchObject({ status: 0, code: "offline" });
   expect(await failure(createRest(base).verbs(AbortSignal.abort()))).toMatchObject({ name: "AbortError" });
 });

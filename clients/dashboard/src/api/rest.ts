@@ -1,21 +1,21 @@
-/** The server's routes as typed calls; what goes wrong is a `Problem` that says so in the server's own words. */
+/** Typed calls of the REST routes. A failed call throws a `Problem` with the server's code and detail. */
 
 import type { components } from "../generated/schema";
 import type { Refinement, Rest, Upload } from "../types";
 
-type Told = components["schemas"]["ProblemAnswer"];
+type ProblemBody = components["schemas"]["ProblemAnswer"];
 
 const ZIP = [0x50, 0x4b];
 const ENDED = new Set(["published", "not_better", "failed", "cancelled", "given_up"]);
 
-/** A call that failed. Status 0 and the code `offline`: no answer at all. */
+/** A failed request. Status 0 with code `offline` means that no response arrived. */
 export class Problem extends Error {
   override readonly name = "Problem";
   constructor(
     readonly status: number,
     readonly code: string,
     readonly detail: string,
-    /** Names that exist, where that helps. */
+    /** Valid names, for `unknown_…` codes. */
     readonly known: readonly string[] = [],
   ) {
     super(detail);
@@ -23,42 +23,42 @@ export class Problem extends Error {
 }
 
 export function createRest(base = ""): Rest {
-  const json = async <T>(path: string, init?: RequestInit): Promise<T> => (await ask(base + path, init)).json();
+  const json = async <T>(path: string, init?: RequestInit): Promise<T> => (await send(base + path, init)).json();
   const at = (verb: string) => `/v1/verbs/${encodeURIComponent(verb)}`;
   const job = (id: string) => `/v1/refinements/${encodeURIComponent(id)}`;
   return {
     json,
-    verbs: async (signal) => (await json<components["schemas"]["VerbList"]>("/v1/verbs", from(signal))).verbs,
-    verb: (name, signal) => json(at(name), from(signal)),
-    versions: (verb, signal) => json(`${at(verb)}/versions`, from(signal)),
+    verbs: async (signal) => (await json<components["schemas"]["VerbList"]>("/v1/verbs", withSignal(signal))).verbs,
+    verb: (name, signal) => json(at(name), withSignal(signal)),
+    versions: (verb, signal) => json(`${at(verb)}/versions`, withSignal(signal)),
     activate: (verb, version, expected) =>
       json(`${at(verb)}/versions/${version}/activate`, { method: "POST", headers: ifMatch(expected) }),
-    upload: (content, ...how) => upload(`${base}/v1/verbs`, content, ...how),
-    remove: async (verb) => void (await ask(base + at(verb), { method: "DELETE" })),
+    upload: (content, ...options) => upload(`${base}/v1/verbs`, content, ...options),
+    remove: async (verb) => void (await send(base + at(verb), { method: "DELETE" })),
     artifact: (verb, version) => `${base}${at(verb)}/versions/${version}`,
-    refine: (verb, asked) => json(`${at(verb)}/refinements`, posted(asked)),
-    refinements: async (asked = {}, signal) => {
-      const query = new URLSearchParams(Object.entries(asked).map(([name, value]) => [name, String(value)]));
-      const path = `/v1/refinements${query.size > 0 ? `?${query}` : ""}`;
-      return (await json<components["schemas"]["RefinementList"]>(path, from(signal))).refinements;
+    refine: (verb, request) => json(`${at(verb)}/refinements`, postJson(request)),
+    refinements: async (query = {}, signal) => {
+      const params = new URLSearchParams(Object.entries(query).map(([name, value]) => [name, String(value)]));
+      const path = `/v1/refinements${params.size > 0 ? `?${params}` : ""}`;
+      return (await json<components["schemas"]["RefinementList"]>(path, withSignal(signal))).refinements;
     },
-    refinement: (id, signal) => json(job(id), from(signal)),
+    refinement: (id, signal) => json(job(id), withSignal(signal)),
     cancel: (id) => json(job(id), { method: "DELETE" }),
     follow: (id, then) => follow(`${base}${job(id)}/events`, then),
-    pose: (verb, asked, signal) => json(`${at(verb)}/pose`, posted(asked, signal)),
-    poses: async (verb, asked, signal) =>
-      (await json<components["schemas"]["PosesAnswer"]>(`${at(verb)}/poses`, posted(asked, signal))).poses,
-    sequence: async (verb, asked, signal) => {
-      const init = posted(asked, signal);
+    pose: (verb, request, signal) => json(`${at(verb)}/pose`, postJson(request, signal)),
+    poses: async (verb, request, signal) =>
+      (await json<components["schemas"]["PosesAnswer"]>(`${at(verb)}/poses`, postJson(request, signal))).poses,
+    sequence: async (verb, request, signal) => {
+      const init = postJson(request, signal);
       const headers = { ...init.headers, Accept: "application/octet-stream" };
-      return (await ask(`${base}${at(verb)}/sequence`, { ...init, headers })).arrayBuffer();
+      return (await send(`${base}${at(verb)}/sequence`, { ...init, headers })).arrayBuffer();
     },
-    ready: (signal) => json("/readyz", from(signal)),
-    metrics: async (signal) => (await ask(`${base}/metrics`, from(signal))).text(),
+    ready: (signal) => json("/readyz", withSignal(signal)),
+    metrics: async (signal) => (await send(`${base}/metrics`, withSignal(signal))).text(),
   };
 }
 
-function from(signal: AbortSignal | undefined): RequestInit {
+function withSignal(signal: AbortSignal | undefined): RequestInit {
   return signal ? { signal } : {};
 }
 
@@ -66,43 +66,43 @@ function ifMatch(version: number | undefined): Record<string, string> {
   return version === undefined ? {} : { "If-Match": `"${version}"` };
 }
 
-function posted(body: unknown, signal?: AbortSignal) {
+function postJson(body: unknown, signal?: AbortSignal) {
   return {
     method: "POST",
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify(body),
-    ...from(signal),
+    ...withSignal(signal),
   };
 }
 
-async function ask(path: string, init: RequestInit | undefined): Promise<Response> {
-  let answer: Response;
+async function send(path: string, init: RequestInit | undefined): Promise<Response> {
+  let response: Response;
   try {
-    answer = await fetch(path, init);
+    response = await fetch(path, init);
   } catch (err) {
     if (err instanceof DOMException && err.name === "AbortError") throw err;
     throw offline();
   }
-  if (!answer.ok) throw problemOf(answer.status, await answer.text());
-  return answer;
+  if (!response.ok) throw problemOf(response.status, await response.text());
+  return response;
 }
 
 function offline(): Problem {
-  return new Problem(0, "offline", "the server does not answer");
+  return new Problem(0, "offline", "no response from the server");
 }
 
 function problemOf(status: number, text: string): Problem {
   try {
-    const told = JSON.parse(text) as Partial<Told>;
-    const details = told.errors?.map(({ at, problem }) => `${at}: ${problem}`).join("; ");
-    const detail = [told.detail ?? told.title ?? `the server answered ${status}`, details].filter(Boolean).join(": ");
-    return new Problem(status, told.code ?? "unknown", detail, told.known ?? []);
+    const body = JSON.parse(text) as Partial<ProblemBody>;
+    const details = body.errors?.map(({ at, problem }) => `${at}: ${problem}`).join("; ");
+    const detail = [body.detail ?? body.title ?? `HTTP status ${status}`, details].filter(Boolean).join(": ");
+    return new Problem(status, body.code ?? "unknown", detail, body.known ?? []);
   } catch {
-    return new Problem(status, "unknown", `the server answered ${status}`);
+    return new Problem(status, "unknown", `HTTP status ${status}`);
   }
 }
 
-/** Send a file; by an old request object, since only that tells how far it is. */
+/** Upload a file with XMLHttpRequest, which reports upload progress. */
 async function upload(
   path: string,
   content: Blob,
@@ -119,7 +119,7 @@ async function upload(
     for (const [name, value] of Object.entries(headers)) request.setRequestHeader(name, value);
     request.upload.onprogress = ({ loaded, total }) => progress?.(total > 0 ? loaded / total : 0);
     request.onerror = () => failed(offline());
-    request.onabort = () => failed(new DOMException("the upload was stopped", "AbortError"));
+    request.onabort = () => failed(new DOMException("upload cancelled", "AbortError"));
     request.onload = () => {
       if (request.status < 300) done(JSON.parse(request.responseText) as Upload);
       else failed(problemOf(request.status, request.responseText));

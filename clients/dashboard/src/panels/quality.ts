@@ -1,12 +1,12 @@
-/** Where the verb is right and wrong, and what makes it better. */
+/** Quality tab: maps and refinements. */
 
 import type { App } from "../types";
-import { Life } from "./parts/disposables";
-import { Maps } from "./parts/quality_maps";
+import { Disposables } from "./parts/disposables";
+import { QualityMaps } from "./parts/quality_maps";
 import { Refinements } from "./parts/refinements";
 
 export function mount(host: HTMLElement, app: App): () => void {
-  const life = new Life();
-  host.append(new Maps(app, life).element, new Refinements(app, life).element);
-  return () => life.end();
+  const disposables = new Disposables();
+  host.append(new QualityMaps(app, disposables).element, new Refinements(app, disposables).element);
+  return () => disposables.dispose();
 }

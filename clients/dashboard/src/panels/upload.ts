@@ -1,45 +1,45 @@
-/** Add a verb: its source as a folder or a zip, or an artifact, dropped or picked; built by the server, then shown. */
+/** Upload tab: a source folder, zip or artifact is uploaded, built by the server and shown. */
 
 import { Problem } from "../api/rest";
 import { textOf } from "../app";
 import { h } from "../shell/dom";
-import type { App, Upload } from "../types";
-import { Life } from "./parts/disposables";
-import { filesIn, filesOf, type Inside, zipped } from "./parts/folder";
-import { bytes } from "./parts/units";
-import { nameInside } from "./parts/verb_name";
+import type { App, Upload, VerbSummary } from "../types";
+import { bytes } from "../units";
+import { Disposables } from "./parts/disposables";
+import { type FolderFile, readChosenFolder, readDroppedFolder, zipFolder } from "./parts/folder";
+import { readVerbName } from "./parts/verb_name";
 
 const TICK_MS = 250;
 
 const NEEDS = [
-  "A file verb.toml with a name, and the motion files beside it.",
-  "One BVH file to an example, all of one skeleton.",
-  "Adverbs: a name and a unit each, and their values in every example.",
-  "Keytimes in seconds: the same instants, in the same order, in every example.",
-  "For measured adverbs: what is measured, the effector and its keytime.",
+  "verb.toml with the verb's name, and the motion files.",
+  "One BVH file per example, all with the same skeleton.",
+  "Adverbs: name, unit, and a value in every example.",
+  "Keytimes in seconds: the same names in the same order in every example.",
+  "For measured adverbs: the measure, its effector and its keytime.",
 ];
 
 export function mount(host: HTMLElement, app: App): () => void {
-  const life = new Life();
+  const disposables = new Disposables();
   const stop = new AbortController();
-  const said = h("div", { className: "upload", role: "status" });
+  const status = h("div", { className: "upload", role: "status" });
   let busy = false;
 
   const send = async (file: File) => {
     if (busy) return;
     busy = true;
     try {
-      const expected = await agreed(said, app, file);
-      if (expected !== "no") await upload(said, app, file, expected, stop.signal);
+      const expected = await confirmReplace(status, app, file);
+      if (expected !== "no") await upload(status, app, file, expected, stop.signal);
     } finally {
       busy = false;
     }
   };
-  const pack = async (files: Inside[] | Promise<Inside[]>) => {
+  const pack = async (files: FolderFile[] | Promise<FolderFile[]>) => {
     try {
-      await send(await zipped(await files));
+      await send(await zipFolder(await files));
     } catch (err) {
-      explain(said, err);
+      showError(status, err);
     }
   };
   const take = async (files: DataTransfer | FileList | null) => {
@@ -47,28 +47,28 @@ export function mount(host: HTMLElement, app: App): () => void {
     const file = list?.[0];
     if (busy || !file) return;
     const entry = files instanceof DataTransfer ? files.items[0]?.webkitGetAsEntry() : null;
-    if (list.length > 1) say(said, "bad", "One at a time: a verb is one folder, one zip or one artifact.");
-    else if (entry?.isDirectory) await pack(filesIn(entry as FileSystemDirectoryEntry));
+    if (list.length > 1) showStatus(status, "bad", "Upload one verb at a time: one folder, zip or artifact.");
+    else if (entry?.isDirectory) await pack(readDroppedFolder(entry as FileSystemDirectoryEntry));
     else await send(file);
   };
   const folder = async (list: FileList | null) => {
-    if (!busy && list && list.length > 0) await pack(filesOf(list));
+    if (!busy && list && list.length > 0) await pack(readChosenFolder(list));
   };
   host.append(
     dropZone((files) => void take(files)),
     folderPicker((list) => void folder(list)),
-    said,
+    status,
     needs(),
   );
-  life.add(() => stop.abort());
-  return () => life.end();
+  disposables.add(() => stop.abort());
+  return () => disposables.dispose();
 }
 
 function dropZone(take: (files: DataTransfer | FileList | null) => void): HTMLElement {
   const input = h("input", {
     type: "file",
     accept: ".zip,.verb,application/zip",
-    className: "unseen",
+    className: "visually-hidden",
     onchange: () => {
       take(input.files);
       input.value = "";
@@ -90,13 +90,13 @@ function dropZone(take: (files: DataTransfer | FileList | null) => void): HTMLEl
       },
     },
     input,
-    h("strong", {}, "Drop a verb here, or choose a file"),
-    h("span", { className: "quiet" }, "its source folder, a zip of that, or a .verb file"),
+    h("strong", {}, "Drop a verb here or choose a file"),
+    h("span", { className: "quiet" }, "source folder, zip of a source folder, or .verb file"),
   );
   return zone;
 }
 
-/** Folders cannot be chosen where files are: they have a button of their own. */
+/** Browsers need a separate input to choose a folder. */
 function folderPicker(take: (files: FileList | null) => void): HTMLElement {
   const input = h("input", {
     type: "file",
@@ -109,56 +109,71 @@ function folderPicker(take: (files: FileList | null) => void): HTMLElement {
     },
   });
   const button = h("button", { type: "button", onclick: () => input.click() }, "Choose a folder");
-  return h("div", { className: "acts" }, input, button);
+  return h("div", { className: "actions" }, input, button);
 }
 
 function needs(): HTMLElement {
-  const docs = h("a", { href: "/docs#upload_verb", target: "_blank", rel: "noopener" }, "Uploads in the API reference");
+  const docs = h(
+    "a",
+    { href: "/docs#upload_verb", target: "_blank", rel: "noopener" },
+    "Upload route in the API reference",
+  );
   return h(
     "section",
     {},
-    h("h2", {}, "What a source folder needs"),
+    h("h2", {}, "Contents of a source folder"),
     h("ul", { className: "needs" }, ...NEEDS.map((line) => h("li", {}, line))),
     docs,
   );
 }
 
-/** The version that the upload may replace, none where the verb is new; `no` where the user said so. */
-async function agreed(said: HTMLElement, app: App, file: File): Promise<number | undefined | "no"> {
-  const name = await nameInside(file);
+/** The version that the upload may replace, undefined for a new verb; `no` if the user declines. */
+async function confirmReplace(status: HTMLElement, app: App, file: File): Promise<number | undefined | "no"> {
+  const name = await readVerbName(file);
   const known = app.verbs.find((verb) => verb.name === name);
   if (!known) return undefined;
+  const next = await nextVersion(app, known);
   return new Promise((answer) => {
-    const replace = () => answer(known.version);
-    const leave = () => {
-      said.replaceChildren();
+    const accept = () => answer(known.version);
+    const decline = () => {
+      status.replaceChildren();
       answer("no");
     };
-    const yes = h("button", { type: "button", className: "primary", onclick: replace }, "Replace it");
-    const no = h("button", { type: "button", onclick: leave }, "Leave it");
-    say(said, "warn", `${known.name} exists as version ${known.version}. Replace it? The old version is kept.`);
-    said.append(h("div", { className: "acts" }, yes, no));
-    yes.focus();
+    const publish = h("button", { type: "button", className: "primary", onclick: accept }, `Publish as v${next}`);
+    const cancel = h("button", { type: "button", onclick: decline }, "Cancel");
+    showStatus(
+      status,
+      "warn",
+      `${known.name} exists as version ${known.version}. The upload becomes version ${next}; older versions are kept.`,
+    );
+    status.append(h("div", { className: "actions" }, publish, cancel));
+    publish.focus();
   });
 }
 
+/** Number of the next version: a rolled back verb has newer versions than its current one. */
+async function nextVersion({ rest }: App, { name, version }: VerbSummary): Promise<number> {
+  const { versions } = await rest.versions(name).catch(() => ({ versions: [] }));
+  return Math.max(version, ...versions.map((each) => each.version)) + 1;
+}
+
 async function upload(
-  said: HTMLElement,
+  status: HTMLElement,
   app: App,
   file: File,
   expected: number | undefined,
   stop: AbortSignal,
 ): Promise<void> {
-  const words = h("span", {});
+  const text = h("span", {});
   const bar = h("progress", { max: 1, value: 0, "aria-label": "Upload" });
   const cancel = new AbortController();
   const button = h("button", { type: "button", onclick: () => cancel.abort() }, "Cancel");
-  said.replaceChildren(words, bar, h("div", { className: "acts" }, button));
+  status.replaceChildren(text, bar, h("div", { className: "actions" }, button));
   let share = 0;
   let sentMs = 0;
   const show = () => {
-    if (share < 1) words.textContent = `Sending ${file.name}, ${(100 * share).toFixed(0)} % of ${bytes(file.size)}`;
-    else words.textContent = `Building… ${((performance.now() - sentMs) / 1000).toFixed(0)} s`;
+    if (share < 1) text.textContent = `Uploading ${file.name}, ${(100 * share).toFixed(0)} % of ${bytes(file.size)}`;
+    else text.textContent = `Building… ${((performance.now() - sentMs) / 1000).toFixed(0)} s`;
     if (share < 1) bar.value = share;
     else bar.removeAttribute("value");
   };
@@ -171,32 +186,33 @@ async function upload(
   try {
     const made = await app.rest.upload(file, progress, AbortSignal.any([cancel.signal, stop]), expected);
     await app.reload();
-    tell(said, app, made);
+    showResult(status, app, made);
   } catch (err) {
-    explain(said, err);
+    showError(status, err);
   } finally {
     clearInterval(timer);
   }
 }
 
-function tell(said: HTMLElement, app: App, { verb, version, warnings }: Upload): void {
+function showResult(status: HTMLElement, app: App, { verb, version, warnings }: Upload): void {
   const known = app.verbs.find(({ name }) => name === verb);
   const examples = known ? `, ${known.examples} examples` : "";
-  say(said, "good", `${verb}, version ${version}${examples}`);
-  if (warnings.length > 0) said.append(h("ul", { className: "skipped" }, ...warnings.map((line) => h("li", {}, line))));
+  showStatus(status, "good", `Published ${verb} v${version}${examples}`);
+  if (warnings.length > 0)
+    status.append(h("ul", { className: "skipped" }, ...warnings.map((line) => h("li", {}, line))));
   const fresh = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "", slice: null };
-  const onclick = () => app.store.change({ verb, ...fresh, against: { kind: "nothing" }, panel: "verb" });
-  said.append(
-    h("div", { className: "acts" }, h("button", { type: "button", className: "primary", onclick }, "Show it")),
+  const onclick = () => app.store.change({ verb, ...fresh, compare: { kind: "none" }, panel: "verb" });
+  status.append(
+    h("div", { className: "actions" }, h("button", { type: "button", className: "primary", onclick }, "Open")),
   );
 }
 
-function explain(said: HTMLElement, err: unknown): void {
-  if (err instanceof DOMException && err.name === "AbortError") return said.replaceChildren();
+function showError(status: HTMLElement, err: unknown): void {
+  if (err instanceof DOMException && err.name === "AbortError") return status.replaceChildren();
   const readOnly = err instanceof Problem && err.code === "read_only";
-  say(said, "bad", readOnly ? `Read-only: ${err.detail}.` : textOf(err));
+  showStatus(status, "bad", readOnly ? `Read-only: ${err.detail}.` : textOf(err));
 }
 
-function say(said: HTMLElement, state: "good" | "warn" | "bad", text: string): void {
-  said.replaceChildren(h("p", { className: "dot-line", "data-state": state }, text));
+function showStatus(status: HTMLElement, state: "good" | "warn" | "bad", text: string): void {
+  status.replaceChildren(h("p", { className: "dot-line", "data-state": state }, text));
 }

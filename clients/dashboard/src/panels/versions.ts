@@ -1,47 +1,47 @@
-/** Versions of the verb, the newest first: what they are like, which one is served; roll back, compare, download. */
+/** Versions tab, newest first: quality, roll back, compare, download. */
 
 import { Problem } from "../api/rest";
 import { textOf } from "../app";
 import { h } from "../shell/dom";
-import { methodName } from "../shell/header";
+import { methodLabel } from "../shell/header";
 import type { App, Refinement, Version, Versions } from "../types";
-import { Life } from "./parts/disposables";
-import { ago, courseOf, figuresOf, makerText } from "./parts/labels";
-import { bytes, counted, digits, errorUnit, kappa } from "./parts/units";
+import { bytes, countText, digits, errorUnit, kappa } from "../units";
+import { Disposables } from "./parts/disposables";
+import { ageText, authorText, progressOf, qualityRows } from "./parts/labels";
 
 const LONG_REASON = 90;
-const AGAIN_MS = 30_000;
+const REFRESH_MS = 30_000;
 
 export function mount(host: HTMLElement, app: App): () => void {
-  const life = new Life();
-  const list = new List(app, life);
+  const disposables = new Disposables();
+  const list = new List(app, disposables);
   host.append(list.failure, list.element);
-  return () => life.end();
+  return () => disposables.dispose();
 }
 
 class List {
   readonly element = h("ol", { className: "versions-list", "aria-label": "Versions" });
   readonly failure = h("p", { className: "failure", role: "alert", hidden: true });
-  private known: Versions | null = null;
+  private loaded: Versions | null = null;
   /** Pseudo-examples by version. */
   private pseudo = new Map<number, number>();
 
   constructor(
     private readonly app: App,
-    private readonly life: Life,
+    private readonly disposables: Disposables,
   ) {
-    const timer = setInterval(() => this.show(), AGAIN_MS); // "a minute ago" ages
-    life.add(
+    const timer = setInterval(() => this.show(), REFRESH_MS); // updates the ages
+    disposables.add(
       () => clearInterval(timer),
       app.on("verb", () => void this.load()),
       app.store.on(["verb"], () => this.clear()),
-      app.store.on(["against"], () => this.show()),
+      app.store.on(["compare"], () => this.show()),
     );
     void this.load();
   }
 
   private clear(): void {
-    this.known = null;
+    this.loaded = null;
     this.element.replaceChildren();
   }
 
@@ -54,12 +54,12 @@ class List {
     const { rest, store } = this.app;
     const { verb } = store.view;
     if (!verb) return;
-    const stale = () => this.life.over || verb !== store.view.verb;
+    const stale = () => this.disposables.disposed || verb !== store.view.verb;
     try {
       const [versions, refined] = await Promise.all([rest.versions(verb), rest.refinements({ verb })]);
       if (stale()) return;
-      this.known = versions;
-      this.pseudo = pseudoOf(refined);
+      this.loaded = versions;
+      this.pseudo = pseudoCounts(refined);
       this.fail("");
       this.show();
     } catch (err) {
@@ -70,21 +70,21 @@ class List {
   }
 
   private show(): void {
-    const { known } = this;
-    if (known) this.element.replaceChildren(...known.versions.map((version) => this.row(version, known.current)));
+    const { loaded } = this;
+    if (loaded) this.element.replaceChildren(...loaded.versions.map((version) => this.row(version, loaded.current)));
   }
 
   private row(version: Version, current: number | null): HTMLElement {
     const { app } = this;
-    const acts = version.current ? [] : [this.serveButton(version, current), this.compareButton(version.version)];
+    const actions = version.current ? [] : [this.activateButton(version, current), this.compareButton(version.version)];
     const href = app.rest.artifact(version.verb, version.version);
     return h(
       "li",
       { className: version.current ? "version-row current" : "version-row" },
-      head(version),
-      reason(version),
-      figures(version, app.verb?.measure.unit ?? "m", this.pseudoIn(version)),
-      h("div", { className: "acts" }, ...acts, h("a", { className: "button", href, download: "" }, "Download")),
+      rowHead(version),
+      reasonLine(version),
+      qualityTable(version, app.verb?.measure.unit ?? "m", this.pseudoIn(version)),
+      h("div", { className: "actions" }, ...actions, h("a", { className: "button", href, download: "" }, "Download")),
     );
   }
 
@@ -93,9 +93,9 @@ class List {
     return this.pseudo.get(version) ?? served?.pseudo_examples.length ?? 0;
   }
 
-  private serveButton(version: Version, current: number | null): HTMLElement {
+  private activateButton(version: Version, current: number | null): HTMLElement {
     const older = current !== null && version.version < current;
-    const button = h("button", { type: "button" }, older ? "Roll back to it" : "Activate");
+    const button = h("button", { type: "button" }, `${older ? "Roll back to" : "Activate"} v${version.version}`);
     button.onclick = () => {
       button.disabled = true;
       void this.activate(version, current);
@@ -117,60 +117,61 @@ class List {
 
   private compareButton(version: number): HTMLElement {
     const { store } = this.app;
-    const { against } = store.view;
-    const on = against.kind === "version" && against.version === version;
-    const title = "Show it beside the version that is served, at the same goal";
-    const onclick = () => store.change({ against: on ? { kind: "nothing" } : { kind: "version", version } });
-    return h("button", { type: "button", "aria-pressed": String(on), title, onclick }, on ? "Beside it" : "Compare");
+    const { compare } = store.view;
+    const on = compare.kind === "version" && compare.version === version;
+    const title = "Show this version beside the current one, at the same goal";
+    const onclick = () => store.change({ compare: on ? { kind: "none" } : { kind: "version", version } });
+    return h("button", { type: "button", "aria-pressed": String(on), title, onclick }, on ? "Comparing" : "Compare");
   }
 }
 
-function head({ version, current, created_at }: Version): HTMLElement {
+function rowHead({ version, current, created_at }: Version): HTMLElement {
   const made = new Date(1000 * created_at);
   return h(
     "div",
     { className: "version-head" },
     h("strong", {}, `Version ${version}`),
-    current && h("span", { className: "badge" }, "served"),
-    h("time", { dateTime: made.toISOString(), title: made.toLocaleString() }, ago(Date.now() / 1000 - created_at)),
+    current && h("span", { className: "badge" }, "current"),
+    h("time", { dateTime: made.toISOString(), title: made.toLocaleString() }, ageText(Date.now() / 1000 - created_at)),
   );
 }
 
-function reason(version: Version): HTMLElement {
-  const { why } = version;
-  const who = `By ${makerText(version)}, ${bytes(version.bytes)}`;
-  if (why.length <= LONG_REASON) return h("p", { className: "quiet" }, why ? `${who}: ${why}` : who);
-  return h("details", { className: "quiet" }, h("summary", {}, who), why);
+function reasonLine(version: Version): HTMLElement {
+  const { reason } = version;
+  const published = `Published by ${authorText(version)}, ${bytes(version.bytes)}`;
+  if (reason.length <= LONG_REASON)
+    return h("p", { className: "quiet" }, reason ? `${published}: ${reason}` : published);
+  return h("details", { className: "quiet" }, h("summary", {}, published), reason);
 }
 
-function figures(version: Version, unit: string, pseudo: number): HTMLElement | null {
-  const rows = figuresOf(version);
+function qualityTable(version: Version, unit: string, pseudo: number): HTMLElement | null {
+  const rows = qualityRows(version);
   if (rows.length === 0) return null;
-  const bends = rows.some(({ kappa: bend }) => bend !== null);
-  const { text: written, factor } = errorUnit(unit, Math.max(...rows.map(({ max }) => max || 0)));
-  const heads = [`error, ${written}`, "mean", "largest", ...(bends ? ["κ"] : [])];
-  const cells = rows.map(({ method, mean, max, kappa: bend }) =>
+  const hasKappa = rows.some(({ kappa: value }) => value !== null);
+  const { text: unitText, factor } = errorUnit(unit, Math.max(...rows.map(({ max }) => max || 0)));
+  const heads = [`Error, ${unitText}`, "mean", "largest", ...(hasKappa ? ["κ"] : [])];
+  const cells = rows.map(({ method, mean, max, kappa: value }) =>
     h(
       "tr",
       {},
-      h("th", { scope: "row" }, methodName(method)),
-      ...[digits(mean * factor), digits(max * factor), ...(bends ? [kappa(bend)] : [])].map((text) =>
+      h("th", { scope: "row" }, methodLabel(method)),
+      ...[digits(mean * factor), digits(max * factor), ...(hasKappa ? [kappa(value)] : [])].map((text) =>
         h("td", {}, text),
       ),
     ),
   );
-  const count = pseudo === 0 ? null : h("caption", {}, counted(pseudo, "pseudo-example"));
+  const count = pseudo === 0 ? null : h("caption", {}, countText(pseudo, "pseudo-example"));
   return h(
     "table",
-    { className: "figures" },
+    { className: "quality-table" },
     count,
     h("thead", {}, h("tr", {}, ...heads.map((text) => h("th", { scope: "col" }, text)))),
     h("tbody", {}, ...cells),
   );
 }
 
-/** Pseudo-examples by the version that a refinement became. */
-function pseudoOf(refinements: readonly Refinement[]): Map<number, number> {
+/** Pseudo-examples by published version. */
+function pseudoCounts(refinements: readonly Refinement[]): Map<number, number> {
   const ended = refinements.filter(({ version_after }) => version_after !== null);
-  return new Map(ended.map((refinement) => [refinement.version_after ?? 0, courseOf(refinement).pseudo]));
+  return new Map(ended.map((refinement) => [refinement.version_after ?? 0, progressOf(refinement).pseudo]));
 }

@@ -1,7 +1,7 @@
 import type { Skeleton } from "../types";
 import { add, cross, length, mean, scale, square, sub, unit, type V3, ZERO } from "./vec";
 
-/** What part of a body a joint begins. */
+/** Body part that starts at a joint. */
 export type Region =
   | "hips"
   | "spine"
@@ -18,13 +18,13 @@ export type Region =
   | "toe"
   | "other";
 
-/** Of a skeleton in its rest pose (no rotations): what belongs to what, and where it is. */
+/** Skeleton in its rest pose: regions, children, positions and body axes. */
 export interface Anatomy {
   readonly regions: readonly Region[];
   readonly children: readonly (readonly number[])[];
-  /** Rest places relative to the root, m. */
-  readonly places: readonly V3[];
-  /** Per joint the ends without rotation (crown, fingertips, toes), in the joint's frame. */
+  /** Rest positions relative to the root, m. */
+  readonly positions: readonly V3[];
+  /** End offsets per joint (crown, fingertips, toes), in the joint's frame. */
   readonly tips: readonly (readonly V3[])[];
   readonly parents: readonly number[];
   readonly offsets: readonly V3[];
@@ -34,7 +34,7 @@ export interface Anatomy {
   readonly forward: V3;
 }
 
-/** First match decides: what is more particular stands first. */
+/** The first match decides; specific patterns come first. */
 const NAMES: readonly (readonly [RegExp, Region])[] = [
   [/thumb|index|middle|ring|pinky|finger|metacarp/, "finger"],
   [/toe|^(left|right|l|r)?ball/, "toe"],
@@ -57,7 +57,7 @@ function guess(name: string): Region {
   return NAMES.find(([pattern]) => pattern.test(letters))?.[1] ?? "other";
 }
 
-/** Names say most; a shoulder that carries a forearm is an upper arm. */
+/** Classify by name; a shoulder with a forearm as child is an upper arm. */
 function regionsOf(names: readonly string[], children: readonly (readonly number[])[]): Region[] {
   const regions = names.map(guess);
   return regions.map((region, j) => {
@@ -66,8 +66,8 @@ function regionsOf(names: readonly string[], children: readonly (readonly number
   });
 }
 
-function axesOf(regions: readonly Region[], places: readonly V3[]): Pick<Anatomy, "up" | "left" | "forward"> {
-  const of = (region: Region) => places.filter((_, j) => regions[j] === region);
+function axesOf(regions: readonly Region[], positions: readonly V3[]): Pick<Anatomy, "up" | "left" | "forward"> {
+  const of = (region: Region) => positions.filter((_, j) => regions[j] === region);
   const [hips, top] = [of("thigh"), [...of("upperArm"), ...of("neck")]];
   const up = hips.length && top.length ? unit(sub(mean(top), mean(hips))) : ([0, 1, 0] as V3);
   const pair = of("upperArm").length === 2 ? of("upperArm") : hips;
@@ -81,35 +81,35 @@ export function anatomyOf(skeleton: Skeleton): Anatomy {
   const { parents, names } = skeleton;
   const children = names.map((_, j) => parents.flatMap((parent, child) => (parent === j ? [child] : [])));
   const tips = names.map((_, j) => skeleton.tips.filter((t) => t.parent === j).map((t) => t.offset as unknown as V3));
-  const places: V3[] = [];
+  const positions: V3[] = [];
   for (const [j, parent] of parents.entries()) {
-    places.push(parent < 0 ? ZERO : add(places[parent] as V3, offsets[j] as V3));
+    positions.push(parent < 0 ? ZERO : add(positions[parent] as V3, offsets[j] as V3));
   }
   const regions = regionsOf(names, children);
-  return { regions, children, places, tips, parents, offsets, ...axesOf(regions, places) };
+  return { regions, children, positions, tips, parents, offsets, ...axesOf(regions, positions) };
 }
 
-/** Whether it is built as people are: two legs, two arms and a head that were recognised by their names. */
+/** Whether two legs, two arms and a head are found by name. */
 export function isHuman(anatomy: Anatomy): boolean {
   const count = (region: Region) => anatomy.regions.filter((r) => r === region).length;
   const pairs: readonly Region[] = ["thigh", "shin", "foot", "upperArm", "forearm"];
   return pairs.every((region) => count(region) === 2) && count("head") === 1;
 }
 
-/** Whether it is one chain without branches, as the arm of a machine. */
+/** Whether the skeleton is a single chain without branches. */
 export function isChain(anatomy: Anatomy): boolean {
   return anatomy.children.length > 1 && anatomy.children.every((children) => children.length <= 1);
 }
 
-/** Every end that a joint's segment leads to, in the joint's frame: children first, then tips; none without length. */
+/** End points of a joint's segments in the joint's frame: children first, then tips; zero lengths are skipped. */
 export function ends(anatomy: Anatomy, j: number): readonly V3[] {
   const children = (anatomy.children[j] ?? []).map((child) => anatomy.offsets[child] as V3);
   return [...children, ...(anatomy.tips[j] ?? [])].filter((end) => length(end) > 1e-4);
 }
 
-/** Length of everything that hangs on a joint, m. */
-export function reachOf(anatomy: Anatomy): readonly number[] {
-  const reach = anatomy.places.map(() => 0);
+/** Total segment length below each joint, m. */
+export function hangingLength(anatomy: Anatomy): readonly number[] {
+  const reach = anatomy.positions.map(() => 0);
   for (let j = reach.length - 1; j >= 0; j--) {
     reach[j] = (reach[j] as number) + (anatomy.tips[j] ?? []).reduce((sum, tip) => sum + length(tip), 0);
     const parent = anatomy.parents[j] as number;

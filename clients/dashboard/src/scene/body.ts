@@ -2,13 +2,13 @@ import { type Anatomy, ends, type Region } from "./anatomy";
 import type { Part, Station, Tone } from "./parts";
 import { add, dot, length, lerp, mean, scale, square, sub, unit, type V3, ZERO } from "./vec";
 
-/** Thigh and shin of the person that the measures below are taken from, m. */
+/** Leg length (thigh and shin) of the reference body, m. */
 const LEG_M = 0.86;
 
-/** A cross-section of a limb: share of the way, half-width, half-depth, and how far its middle lies to the front. */
+/** Cross-section of a limb: position 0–1, half-width, half-depth, forward offset. */
 type Ring = readonly [number, number, number, number?];
 
-/** Muscles of limbs, and the ball where each begins, at the size of `LEG_M`. */
+/** Limb shapes and joint balls for a leg length of `LEG_M`. */
 const LIMBS: Partial<Record<Region, { rings: readonly Ring[]; ball: number; cap?: Tone }>> = {
   upperArm: {
     ball: 0.048,
@@ -49,26 +49,26 @@ const LIMBS: Partial<Record<Region, { rings: readonly Ring[]; ball: number; cap?
   },
 };
 
-/** The measures of one body, and the frame that its shapes are laid out in. */
+/** Dimensions of one body and the frame of its shapes. */
 interface Build {
   readonly anatomy: Anatomy;
-  /** 1 for legs of `LEG_M`. */
+  /** Scale relative to `LEG_M`. */
   readonly size: number;
-  /** Joint that carries neck and arms; root where there is none. */
+  /** Joint that carries neck and arms, or the root. */
   readonly chest: number;
   readonly hips: number;
-  /** Middle between the upper arms, and between the thighs: places at rest. */
+  /** Midpoints of the upper arms and of the thighs at rest. */
   readonly shoulders: V3;
   readonly crotch: V3;
-  /** Half the distance between the upper arms, between the thighs. */
+  /** Half the distance between the upper arms and between the thighs. */
   readonly shoulder: number;
   readonly hip: number;
 }
 
 const jointsOf = (a: Anatomy, region: Region): number[] => a.regions.flatMap((r, j) => (r === region ? [j] : []));
-const placeOf = (a: Anatomy, j: number): V3 => a.places[j] ?? ZERO;
+const goalSpaceOf = (a: Anatomy, j: number): V3 => a.positions[j] ?? ZERO;
 
-/** The first common ancestor of both upper arms. */
+/** First common ancestor of both upper arms. */
 function chestOf(a: Anatomy): number {
   const up = (j: number): number[] => (j < 0 ? [] : [j, ...up(a.parents[j] ?? -1)]);
   const [one, other] = jointsOf(a, "upperArm").map(up) as [number[], number[]];
@@ -76,7 +76,7 @@ function chestOf(a: Anatomy): number {
 }
 
 function buildOf(a: Anatomy): Build {
-  const pair = (region: Region) => jointsOf(a, region).map((j) => placeOf(a, j)) as [V3, V3];
+  const pair = (region: Region) => jointsOf(a, region).map((j) => goalSpaceOf(a, j)) as [V3, V3];
   const [arms, thighs] = [pair("upperArm"), pair("thigh")];
   const step = (region: Region) => mean(jointsOf(a, region).map((j) => [length(a.offsets[j] as V3), 0, 0]))[0];
   return {
@@ -91,10 +91,10 @@ function buildOf(a: Anatomy): Build {
   };
 }
 
-/** A loft on a joint from rings [up, wide, deep, forward] about a rest place, in metres times the body's size. */
+/** Loft on a joint from rings [up, wide, deep, forward] around a rest position, scaled by the body size. */
 function torso(b: Build, joint: number, centre: V3, rings: readonly Ring[], tone: Tone, boxy = 2.3): Part {
   const { anatomy: a, size } = b;
-  const from = sub(centre, placeOf(a, joint));
+  const from = sub(centre, goalSpaceOf(a, joint));
   const stations = rings.map(([up, wide, deep, front = 0]) => ({
     at: add(from, add(scale(a.up, up * size), scale(a.forward, front * size))),
     wide: wide * size,
@@ -103,7 +103,7 @@ function torso(b: Build, joint: number, centre: V3, rings: readonly Ring[], tone
   return { form: "loft", joint, tone, stations, side: a.left, boxy };
 }
 
-/** Pelvis, waist and rib cage. Widths follow the joints, depths the size. */
+/** Pelvis, waist and rib cage: widths from the joints, depths from the body size. */
 function trunk(b: Build): Part[] {
   const { anatomy: a, size } = b;
   const [hip, arm] = [b.hip / size, b.shoulder / size];
@@ -144,7 +144,7 @@ function trunk(b: Build): Part[] {
   return [pelvis, ribs, torso(b, middle, low, rings, "joint", 2)];
 }
 
-/** Neck from the shoulder line to the head, and the head: an egg that narrows to a chin, so that it looks somewhere. */
+/** Neck and head; the head narrows to a chin, so that its direction is visible. */
 function headAndNeck(b: Build): Part[] {
   const { anatomy: a, size } = b;
   const head = jointsOf(a, "head")[0] as number;
@@ -152,8 +152,8 @@ function headAndNeck(b: Build): Part[] {
   const crown = a.tips[head]?.[0] ?? scale(a.up, 0.175 * size);
   const high = Math.max(length(crown), 0.12 * size);
   const up = unit(crown);
-  const base = sub(add(b.shoulders, scale(a.up, 0.02 * size)), placeOf(a, neck));
-  const top = add(sub(placeOf(a, head), placeOf(a, neck)), scale(up, 0.03 * size));
+  const base = sub(add(b.shoulders, scale(a.up, 0.02 * size)), goalSpaceOf(a, neck));
+  const top = add(sub(goalSpaceOf(a, head), goalSpaceOf(a, neck)), scale(up, 0.03 * size));
   const ring = (at: V3, radius: number): Station => ({ at, wide: radius * size, deep: radius * size });
   const k = high / 0.175;
   const egg = ([rise, wide, deep, front = 0]: Ring): Station => ({
@@ -181,7 +181,7 @@ function headAndNeck(b: Build): Part[] {
   ];
 }
 
-/** A limb between two joints, with a ball where it begins. */
+/** Limb between two joints with a ball at its start. */
 function limb(b: Build, joint: number, region: Region): Part[] {
   const shape = LIMBS[region];
   const end = ends(b.anatomy, joint)[0];
@@ -201,7 +201,7 @@ function limb(b: Build, joint: number, region: Region): Part[] {
   ];
 }
 
-/** From the rib cage to the shoulder, carried by the collar-bone. */
+/** Shoulder segment between rib cage and upper arm. */
 function collar(b: Build, joint: number): Part[] {
   const end = ends(b.anatomy, joint)[0];
   if (!end) return [];
@@ -215,7 +215,7 @@ function collar(b: Build, joint: number): Part[] {
   return [{ form: "loft", joint, tone: "body", stations, side: b.anatomy.forward, boxy: 2 }];
 }
 
-/** Where fingers lie across the palm, and how far they reach as a share of the hand. */
+/** Lateral position and relative length of each finger. */
 const FINGERS = [
   [0.028, 0.9],
   [0.0095, 0.99],
@@ -223,7 +223,7 @@ const FINGERS = [
   [-0.027, 0.82],
 ] as const;
 
-/** Palm, four fingers and a thumb, at rest with the palm down; only the palm where the fingers have joints. */
+/** Palm, fingers and thumb, palm down at rest; only the palm if the fingers have joints. */
 function hand(b: Build, joint: number): Part[] {
   const { anatomy: a, size } = b;
   const end = ends(a, joint)[0];
@@ -244,7 +244,7 @@ function hand(b: Build, joint: number): Part[] {
   return jointed ? parts : [...parts, ...digits(at, front, size).map((digit): Part => ({ ...digit, joint }))];
 }
 
-/** Fingers a little bent toward the palm, and a thumb; `at` takes shares of the hand, metres across and down. */
+/** Slightly bent fingers and a thumb; `at` maps hand length, lateral and palm offsets to positions. */
 function digits(at: (x: number, y: number, z: number) => V3, side: V3, size: number) {
   const tube = (points: readonly V3[], radius: number) => {
     const thin = (k: number) => (radius - 0.0008 * k) * size;
@@ -258,7 +258,7 @@ function digits(at: (x: number, y: number, z: number) => V3, side: V3, size: num
   return [...fingers, tube([at(0.16, 0.026, 0.006), at(0.34, 0.046, 0.016), at(0.54, 0.052, 0.026)], 0.0115)];
 }
 
-/** Heel to ball of the foot, with its sole just under the toe joint. */
+/** Foot from heel to ball, with the sole below the toe joint. */
 function foot(b: Build, joint: number): Part[] {
   const { anatomy: a, size } = b;
   const ball = ends(a, joint)[0];
@@ -307,7 +307,7 @@ function finger(b: Build, joint: number): Part[] {
   return [{ form: "loft", joint, tone: "body", stations, side: square([0, 1, 0], unit(end)), boxy: 2, fine: true }];
 }
 
-/** A mannequin as artists have them, on a skeleton whose joints are named as people's are. */
+/** Mannequin for a skeleton with human joint names. */
 export function human(anatomy: Anatomy): Part[] {
   const b = buildOf(anatomy);
   const pieces: Partial<Record<Region, (build: Build, joint: number) => Part[]>> = {

@@ -1,19 +1,19 @@
-import { type Anatomy, ends, reachOf } from "./anatomy";
+import { type Anatomy, ends, hangingLength } from "./anatomy";
 import type { Part } from "./parts";
 import { add, cross, dot, length, lerp, scale, square, sub, unit, type V3, ZERO } from "./vec";
 
-/** Radius of a limb by the length of all that hangs on it: as in a tree, areas add up (Leonardo's rule). */
+/** Limb radius by the length below it: cross-sections add up (Leonardo's rule for trees). */
 function thickness(anatomy: Anatomy): (joint: number | undefined, extra?: number) => number {
-  const reach = reachOf(anatomy);
+  const reach = hangingLength(anatomy);
   const whole = Math.max(...reach, 1e-6);
-  const spread = Math.max(...anatomy.places.map(length), 1e-3);
+  const spread = Math.max(...anatomy.positions.map(length), 1e-3);
   return (joint, extra = 0) => {
     const hanging = (joint === undefined ? 0 : (reach[joint] as number)) + extra;
     return spread * (0.012 + 0.085 * Math.sqrt(hanging / whole));
   };
 }
 
-/** A body where three limbs or more meet: an egg along the two that are farthest apart, as wide as they stand. */
+/** Trunk where three or more limbs meet: an ellipsoid along the two most distant ends. */
 function trunk(anatomy: Anatomy, joint: number): Part[] {
   const all = ends(anatomy, joint);
   if (all.length < 3) return [];
@@ -32,8 +32,8 @@ function trunk(anatomy: Anatomy, joint: number): Part[] {
 
 const apart = ([a, b]: readonly [V3, V3]): number => length(sub(a, b));
 
-/** Limbs and a trunk for a body that nobody described: what carries more is thicker. */
-export function creature(anatomy: Anatomy): Part[] {
+/** Generic body for unknown skeletons: limbs that carry more are thicker. */
+export function creatureParts(anatomy: Anatomy): Part[] {
   const radius = thickness(anatomy);
   return anatomy.parents.flatMap((_, joint): Part[] => {
     const limbs = ends(anatomy, joint).map((end, k): Part => {
@@ -50,7 +50,7 @@ export function creature(anatomy: Anatomy): Part[] {
   });
 }
 
-/** Axis of a chain's hinges: the normal of the plane that it bends in; +Z where it is straight or bends in all. */
+/** Hinge axis of a chain: normal of its bending plane, or +Z if the chain is straight or bends in space. */
 export function hinge(anatomy: Anatomy): V3 {
   const steps = anatomy.parents.map((_, j) => ends(anatomy, j)[0]).filter((end) => end !== undefined);
   const first = steps[0] ?? [1, 0, 0];
@@ -59,10 +59,10 @@ export function hinge(anatomy: Anatomy): V3 {
   return square([0, 0, 1], unit(first));
 }
 
-/** A machine's arm behind the plane that its tip moves in: flat links in two layers, hinges, and a foot on the wall. */
-export function arm(anatomy: Anatomy): Part[] {
+/** Industrial arm behind the plane of its tip: flat links in two layers, pins, and a wall mount. */
+export function armParts(anatomy: Anatomy): Part[] {
   const normal = hinge(anatomy);
-  const whole = Math.max(reachOf(anatomy)[0] as number, 1e-3);
+  const whole = Math.max(hangingLength(anatomy)[0] as number, 1e-3);
   const thick = 0.024 * whole;
   const last = Math.max(anatomy.parents.length - 1, 1);
   const width = (joint: number) => whole * (0.05 - 0.026 * (joint / last));

@@ -5,26 +5,26 @@ import { mannequin } from "./mannequin";
 import type { Detail } from "./shapes";
 import type { V3 } from "./vec";
 
-/** Where each character of a crowd stands: beside the first and behind it, the first in the middle of the front. */
-export interface Rows {
+/** Offsets between characters of a crowd, sideways and backwards. */
+export interface CrowdSpacing {
   readonly side: V3;
   readonly back: V3;
 }
 
-/** Where character `k` of `count` stands from the first, written to `out`. */
-export function standing(k: number, count: number, rows: Rows, out: Float32Array): void {
+/** Offset of character `k` of `count` from the first, written to `out`. */
+export function crowdOffset(k: number, count: number, rows: CrowdSpacing, out: Float32Array): void {
   const columns = Math.ceil(Math.sqrt(1.5 * count));
   const [column, row] = [k % columns, Math.floor(k / columns)];
   const side = column % 2 ? (column + 1) / 2 : -column / 2;
   for (let i = 0; i < 3; i++) out[i] = side * (rows.side[i] as number) + row * (rows.back[i] as number);
 }
 
-/** Mannequins of one skeleton: one draw call per joint and material, however many characters there are. */
+/** Mannequins of one skeleton: one draw call per joint and material for any number of characters. */
 export class Figures {
   readonly group = new Group();
-  /** Joint places and turns of the first character in the last picture, 3 and 4 per joint. */
-  readonly places: Float32Array;
-  readonly turns: Float32Array;
+  /** Joint positions and rotations of the first character, 3 and 4 per joint. */
+  readonly positions: Float32Array;
+  readonly rotations: Float32Array;
   readonly rig: Rig;
   count = 0;
   #room = 0;
@@ -32,21 +32,21 @@ export class Figures {
   #detail: Detail;
   readonly #skeleton: Skeleton;
   readonly #materials: readonly Material[];
-  readonly #rows: Rows;
+  readonly #rows: CrowdSpacing;
   readonly #shift = new Float32Array(3);
-  readonly #otherPlaces: Float32Array;
-  readonly #otherTurns: Float32Array;
+  readonly #otherPositions: Float32Array;
+  readonly #otherRotations: Float32Array;
 
   /** @param materials each draws the whole figure once, in this order */
-  constructor(skeleton: Skeleton, materials: readonly Material[], rows: Rows, detail: Detail) {
+  constructor(skeleton: Skeleton, materials: readonly Material[], rows: CrowdSpacing, detail: Detail) {
     this.rig = rigOf(skeleton);
     this.#skeleton = skeleton;
     this.#materials = materials;
     this.#rows = rows;
     this.#detail = detail;
     const { joints } = this.rig;
-    [this.places, this.#otherPlaces] = [new Float32Array(3 * joints), new Float32Array(3 * joints)];
-    [this.turns, this.#otherTurns] = [new Float32Array(4 * joints), new Float32Array(4 * joints)];
+    [this.positions, this.#otherPositions] = [new Float32Array(3 * joints), new Float32Array(3 * joints)];
+    [this.rotations, this.#otherRotations] = [new Float32Array(4 * joints), new Float32Array(4 * joints)];
   }
 
   show(picture: Picture | null): void {
@@ -56,13 +56,15 @@ export class Figures {
     if (this.count > this.#room) this.#make(2 ** Math.ceil(Math.log2(this.count)));
     const size = poseLength(this.rig);
     for (let k = this.count - 1; k >= 0; k--) {
-      const [places, turns] = k ? [this.#otherPlaces, this.#otherTurns] : [this.places, this.turns];
-      solve(this.rig, picture.poses, k * size, places, turns);
-      standing(k, this.count, this.#rows, this.#shift);
+      const [positions, rotations] = k
+        ? [this.#otherPositions, this.#otherRotations]
+        : [this.positions, this.rotations];
+      solve(this.rig, picture.poses, k * size, positions, rotations);
+      crowdOffset(k, this.count, this.#rows, this.#shift);
       for (const { joint, of } of this.#meshes) {
         writeMatrix(
-          places,
-          turns,
+          positions,
+          rotations,
           joint,
           this.#shift,
           (of[0] as InstancedMesh).instanceMatrix.array as Float32Array,

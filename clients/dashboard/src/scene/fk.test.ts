@@ -1,7 +1,7 @@
 import fc from "fast-check";
 import { Object3D, Quaternion, Vector3 } from "three";
 import { expect, test } from "vitest";
-import { headingOf, poseLength, rigOf, solve, writeMatrix } from "./fk";
+import { poseLength, rigOf, solve, writeMatrix, yawOf } from "./fk";
 
 /** A random skeleton with a random pose of it: parents before children, unit quaternions. */
 const posed = fc.integer({ min: 1, max: 12 }).chain((joints) =>
@@ -9,7 +9,7 @@ const posed = fc.integer({ min: 1, max: 12 }).chain((joints) =>
     parents: fc.tuple(...Array.from({ length: joints }, (_, j) => (j ? fc.nat(j - 1) : fc.constant(-1)))),
     offsets: fc.array(vector(), { minLength: joints, maxLength: joints }),
     root: vector(),
-    turns: fc.array(turn(), { minLength: joints, maxLength: joints }),
+    rotations: fc.array(turn(), { minLength: joints, maxLength: joints }),
   }),
 );
 
@@ -25,30 +25,35 @@ function turn() {
 }
 
 /** The same pose as a hierarchy of three's own objects. */
-function hierarchy(pose: { parents: number[]; offsets: number[][]; root: number[]; turns: number[][] }): Object3D[] {
+function hierarchy(pose: {
+  parents: number[];
+  offsets: number[][];
+  root: number[];
+  rotations: number[][];
+}): Object3D[] {
   const joints = pose.parents.map(() => new Object3D());
   for (const [j, joint] of joints.entries()) {
     const parent = pose.parents[j] as number;
     joints[parent]?.add(joint);
     joint.position.fromArray((parent < 0 ? pose.root : pose.offsets[j]) as number[]);
-    joint.quaternion.fromArray(pose.turns[j] as [number, number, number, number]);
+    joint.quaternion.fromArray(pose.rotations[j] as [number, number, number, number]);
   }
   joints[0]?.updateMatrixWorld(true);
   return joints;
 }
 
-test("places and matrices are those of three's own hierarchy", () => {
+test("positions and matrices equal those of a three.js hierarchy", () => {
   fc.assert(
-    fc.property(posed, ({ parents, offsets, root, turns }) => {
+    fc.property(posed, ({ parents, offsets, root, rotations }) => {
       const rig = rigOf({ names: parents.map(String), parents, offsets, tips: [] });
       const [before, shift] = [5, Float32Array.from([1, 0, -2])];
       const poses = new Float32Array(before + poseLength(rig));
-      poses.set([...root, ...turns.flat()], before);
-      const [places, global] = [new Float32Array(3 * rig.joints), new Float32Array(4 * rig.joints)];
-      solve(rig, poses, before, places, global);
-      for (const [j, joint] of hierarchy({ parents, offsets, root, turns }).entries()) {
+      poses.set([...root, ...rotations.flat()], before);
+      const [positions, global] = [new Float32Array(3 * rig.joints), new Float32Array(4 * rig.joints)];
+      solve(rig, poses, before, positions, global);
+      for (const [j, joint] of hierarchy({ parents, offsets, root, rotations }).entries()) {
         const matrix = new Float32Array(16);
-        writeMatrix(places, global, j, shift, matrix, 0);
+        writeMatrix(positions, global, j, shift, matrix, 0);
         const expected = joint.matrixWorld.toArray();
         for (const k of [0, 1, 2]) expected[12 + k] = (expected[12 + k] as number) + (shift[k] as number);
         for (const [k, value] of matrix.entries()) expect(value).toBeCloseTo(expected[k] as number, 4);
@@ -58,10 +63,10 @@ test("places and matrices are those of three's own hierarchy", () => {
   );
 });
 
-test("a heading turns from +Z toward +X, whatever the lean", () => {
+test("the heading is measured from +Z toward +X, independent of the lean", () => {
   const lean = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), 0.4);
   for (const angle of [-3, -1.2, 0, 0.7, 2.9]) {
     const turned = new Quaternion().setFromAxisAngle(new Vector3(0, 1, 0), angle).multiply(lean);
-    expect(headingOf(Float32Array.from(turned.toArray()), 0)).toBeCloseTo(angle, 5);
+    expect(yawOf(Float32Array.from(turned.toArray()), 0)).toBeCloseTo(angle, 5);
   }
 });

@@ -11,16 +11,16 @@ import {
   SphereGeometry,
   Vector3,
 } from "three";
-import { type Adverbs, arc, type Place, path } from "./goal_space";
+import { type Adverbs, type GoalSpace, jumpArc, velocityPath } from "./goal_space";
 import type { Palette } from "./palette";
 
-/** Radii on the screen, pixels: the ball, the ring about it, and where the pointer takes hold. */
+/** Radii on screen, pixels: ball, ring, and grab distance for mouse and touch. */
 const [BALL_PX, RING_PX, HOLD_PX, HOLD_TOUCH_PX] = [6.5, 13, 16, 26];
 const STEPS = 40;
 
-/** The goal that is asked for, and the point that is reached, with what joins them. */
+/** The goal handle, the effector marker, and the line between them. */
 export class GoalHandle {
-  /** Stands in the frame in which the verb's places are counted. */
+  /** In the frame of the verb's goal positions. */
   readonly group = new Group();
   readonly world = new Vector3();
   readonly #ball: Mesh<SphereGeometry, MeshBasicMaterial>;
@@ -28,11 +28,11 @@ export class GoalHandle {
   readonly #ring: Mesh<RingGeometry, MeshBasicMaterial>;
   readonly #dot: Mesh<SphereGeometry, MeshBasicMaterial>;
   readonly #miss: Line<BufferGeometry, LineBasicMaterial>;
-  readonly #way: Line<BufferGeometry, LineBasicMaterial>;
+  readonly #path: Line<BufferGeometry, LineBasicMaterial>;
   readonly #plumb: Line<BufferGeometry, LineBasicMaterial>;
-  /** What stands in the world and not in the verb's frame. */
-  readonly reached = new Group();
-  #place: Place | null = null;
+  /** Effector marker and distance line, in world space. */
+  readonly effectorGroup = new Group();
+  #space: GoalSpace | null = null;
 
   constructor() {
     const seen = { transparent: true, depthTest: false, depthWrite: false };
@@ -42,40 +42,40 @@ export class GoalHandle {
     this.#ring = new Mesh(new RingGeometry(0.88, 1, 40), new MeshBasicMaterial(seen));
     this.#dot = new Mesh(unit, new MeshBasicMaterial(seen));
     this.#miss = line(2, { ...seen });
-    this.#way = line(STEPS + 1, { transparent: true });
+    this.#path = line(STEPS + 1, { transparent: true });
     this.#plumb = line(2, { transparent: true, opacity: 0.4 });
     for (const [k, mesh] of [this.#ghost, this.#ball, this.#ring].entries()) mesh.renderOrder = 10 + k;
-    [this.#miss.renderOrder, this.#dot.renderOrder, this.#way.renderOrder] = [13, 14, 9];
-    this.group.add(this.#ghost, this.#ball, this.#ring, this.#way, this.#plumb);
-    this.reached.add(this.#dot, this.#miss);
-    this.setPlace(null);
+    [this.#miss.renderOrder, this.#dot.renderOrder, this.#path.renderOrder] = [13, 14, 9];
+    this.group.add(this.#ghost, this.#ball, this.#ring, this.#path, this.#plumb);
+    this.effectorGroup.add(this.#dot, this.#miss);
+    this.setSpace(null);
   }
 
-  setPlace(place: Place | null): void {
-    this.#place = place;
-    this.group.visible = place !== null;
-    this.reached.visible = false;
-    this.#way.visible = place?.carried === true;
-    this.#plumb.visible = place?.kind === "space" || place?.kind === "velocity";
+  setSpace(space: GoalSpace | null): void {
+    this.#space = space;
+    this.group.visible = space !== null;
+    this.effectorGroup.visible = false;
+    this.#path.visible = space?.movesWithCharacter === true;
+    this.#plumb.visible = space?.kind === "space" || space?.kind === "velocity";
   }
 
   get shown(): boolean {
-    return this.#place !== null;
+    return this.#space !== null;
   }
 
   /** @param names the verb's measured adverbs */
   put(adverbs: Adverbs, names: readonly string[]): void {
-    if (!this.#place) return;
-    const [x, y, z] = this.#place.point(adverbs);
+    if (!this.#space) return;
+    const [x, y, z] = this.#space.point(adverbs);
     for (const mesh of [this.#ball, this.#ghost, this.#ring]) mesh.position.set(x, y, z);
-    write(this.#plumb, this.#place.kind === "velocity" ? [0, 0, 0, x, y, z] : [x, y, z, x, 0, z]);
-    if (this.#place.kind === "jump") write(this.#way, arc(this.#place, names, adverbs, STEPS));
-    if (this.#place.kind === "velocity") write(this.#way, path(names, adverbs, STEPS));
+    write(this.#plumb, this.#space.kind === "velocity" ? [0, 0, 0, x, y, z] : [x, y, z, x, 0, z]);
+    if (this.#space.kind === "jump") write(this.#path, jumpArc(this.#space, names, adverbs, STEPS));
+    if (this.#space.kind === "velocity") write(this.#path, velocityPath(names, adverbs, STEPS));
   }
 
-  /** Show where the effector is, joined to the goal if it should be on it; null hides it. Metres between both. */
+  /** Show the effector, optionally with a line to the goal; null hides it. Returns the distance, m. */
   reach(effector: Vector3 | null, joined: boolean): number {
-    this.reached.visible = effector !== null && this.shown;
+    this.effectorGroup.visible = effector !== null && this.shown;
     this.#miss.visible = false;
     if (!effector) return 0;
     this.#dot.position.copy(effector);
@@ -85,7 +85,7 @@ export class GoalHandle {
     return far;
   }
 
-  /** Keep the size on the screen, and face the camera; call before each frame. */
+  /** Keep the size on screen constant and face the camera; call before each frame. */
   face(camera: PerspectiveCamera, high: number): void {
     this.#ball.getWorldPosition(this.world);
     const metre = pixelsPerMetre(camera, this.world, high);
@@ -96,33 +96,33 @@ export class GoalHandle {
     this.#ring.parent?.getWorldQuaternion(this.#ring.quaternion).invert().multiply(camera.quaternion);
   }
 
-  /** Whether the pointer takes hold of it; `to` takes world places to pixels. */
-  holds(x: number, y: number, touch: boolean, to: (world: Vector3) => Vector3): boolean {
+  /** Whether a pointer position grabs the handle; `to` projects world positions to pixels. */
+  hitTest(x: number, y: number, touch: boolean, to: (world: Vector3) => Vector3): boolean {
     if (!this.shown) return false;
     const pixel = to(this.world.clone());
     return pixel.z < 1 && Math.hypot(pixel.x - x, pixel.y - y) <= (touch ? HOLD_TOUCH_PX : HOLD_PX);
   }
 
-  setHeld(held: "no" | "near" | "held"): void {
+  setGrabbed(held: "no" | "near" | "grabbed"): void {
     this.#ring.material.opacity = held === "no" ? 0.75 : 1;
-    this.#ball.material.opacity = held === "held" ? 0.85 : 1;
+    this.#ball.material.opacity = held === "grabbed" ? 0.85 : 1;
   }
 
   setPalette(palette: Palette): void {
-    for (const mesh of [this.#ball, this.#ghost, this.#ring, this.#way, this.#plumb])
+    for (const mesh of [this.#ball, this.#ghost, this.#ring, this.#path, this.#plumb])
       mesh.material.color.copy(palette.accent);
     for (const mesh of [this.#dot, this.#miss]) mesh.material.color.copy(palette.example);
   }
 
   dispose(): void {
-    for (const mesh of [this.#ball, this.#ghost, this.#ring, this.#dot, this.#miss, this.#way, this.#plumb]) {
+    for (const mesh of [this.#ball, this.#ghost, this.#ring, this.#dot, this.#miss, this.#path, this.#plumb]) {
       mesh.geometry.dispose();
       mesh.material.dispose();
     }
   }
 }
 
-/** How many pixels a metre is at a place of the world. */
+/** Pixels per metre at a world position. */
 export function pixelsPerMetre(camera: PerspectiveCamera, at: Vector3, high: number): number {
   const depth = Math.max(-at.clone().applyMatrix4(camera.matrixWorldInverse).z, camera.near);
   return high / (2 * depth * Math.tan((camera.fov * Math.PI) / 360));

@@ -1,10 +1,10 @@
-import { headingOf } from "./fk";
+import { yawOf } from "./fk";
 
-/** How fast the heading that is drawn runs after the hips, 1/s: slower than they sway in a stride. */
+/** Smoothing rate of the drawn heading, 1/s; slower than the hip sway of a stride. */
 const TURN_RATE = 2.5;
 
-/** Where the character stands from which a carried goal counts: x, z (m), heading (rad). */
-export class Carried {
+/** Origin of a goal that moves with the character: x, z (m) and heading (rad). */
+export class GoalFrame {
   x = 0;
   z = 0;
   heading = 0;
@@ -17,9 +17,9 @@ export class Carried {
     [this.#startHeading, this.#last] = [0, [0, 0, 0]];
   }
 
-  /** A jump is counted from where it began: a motion that starts over without going back began where the last ended. */
-  jumps(phase: number, root: Float32Array, turns: Float32Array): void {
-    const now = [root[0] as number, root[2] as number, headingOf(turns, 0)] as const;
+  /** Origin of a jump: its start. A looped jump that continues from its landing starts there. */
+  updateJump(phase: number, root: Float32Array, rotations: Float32Array): void {
+    const now = [root[0] as number, root[2] as number, yawOf(rotations, 0)] as const;
     if (this.#phase < 0) this.#startHeading = phase < 0.05 ? now[2] : 0;
     const near = Math.hypot(now[0] - this.#last[0], now[1] - this.#last[1]) < 0.25;
     if (this.#phase > 0.8 && phase < 0.2) {
@@ -30,11 +30,11 @@ export class Carried {
     [this.#phase, this.#last] = [phase, now];
   }
 
-  /** A stride is counted from under the root, along the way that it faces on the mean. Whether it still turns. */
-  strides(root: Float32Array, turns: Float32Array, delta_s: number): boolean {
+  /** Origin of a stride: the root's ground position and mean heading. Returns whether the heading is still changing. */
+  updateStride(root: Float32Array, rotations: Float32Array, delta_s: number): boolean {
     [this.x, this.z] = [root[0] as number, root[2] as number];
     const whole = 2 * Math.PI;
-    const away = headingOf(turns, 0) - this.heading;
+    const away = yawOf(rotations, 0) - this.heading;
     const step = away - whole * Math.round(away / whole);
     const first = this.#phase < 0;
     this.#phase = 0;

@@ -1,12 +1,12 @@
 import fc from "fast-check";
 import { expect, test } from "vitest";
 import type { Verb } from "../types";
-import { AHEAD_S, arc, bounded, meet, type Place, path, placeOf } from "./goal_space";
+import { AHEAD_S, clampGoal, type GoalSpace, goalSpaceOf, intersectPlane, jumpArc, velocityPath } from "./goal_space";
 import { add, cross, dot, length, scale, sub, unit, type V3 } from "./vec";
 
 type Kind = "joint_position" | "jump" | "root_velocity" | "none";
 
-/** What of a verb says where its adverbs are. */
+/** The fields of a verb that define its goal space. */
 function verb(kind: Kind, names: readonly string[], points: readonly (readonly [number[], V3 | null])[]): Verb {
   return {
     adverbs: names.map((name) => ({ name, unit: "m", min: -1, max: 1, style: false, description: "" })),
@@ -32,19 +32,19 @@ const CORNERS: readonly number[][] = [
 const number = fc.double({ min: -1, max: 1, noNaN: true });
 const vector = fc.tuple(number, number, number);
 
-function place(of: Verb): Place {
-  const found = placeOf(of);
-  if (!found) throw new Error("no place");
+function spaceOf(of: Verb): GoalSpace {
+  const found = goalSpaceOf(of);
+  if (!found) throw new Error("no space");
   return found;
 }
 
-test("a sheet in space is found from the examples' points, and points of it lead back to their adverbs", () => {
+test("two adverbs map to a plane fitted to the examples, and back", () => {
   fc.assert(
     fc.property(vector, vector, vector, number, number, (origin, a, b, u, v) => {
       fc.pre(length(cross(a, b)) > 0.05);
       const at = (numbers: readonly number[]): V3 =>
         add(origin, add(scale(a, numbers[0] as number), scale(b, numbers[1] as number)));
-      const sheet = place(
+      const sheet = spaceOf(
         verb(
           "joint_position",
           ["u", "v"],
@@ -63,8 +63,8 @@ test("a sheet in space is found from the examples' points, and points of it lead
   );
 });
 
-test("a goal off the sheet asks for the place on it that is nearest", () => {
-  const sheet = place(
+test("a goal off the plane maps to its nearest point", () => {
+  const sheet = spaceOf(
     verb(
       "joint_position",
       ["u", "v"],
@@ -77,9 +77,9 @@ test("a goal off the sheet asks for the place on it that is nearest", () => {
   expect(sheet.adverbs([0.25, 0.5, 3], {})).toEqual({ u: expect.closeTo(0.25, 9), v: expect.closeTo(0.5, 9) });
 });
 
-test("three adverbs are a place in space, also where their axes are oblique", () => {
+test("three adverbs map to space, also with oblique axes", () => {
   const at = ([a = 0, b = 0, c = 0]: readonly number[]): V3 => [a + 0.4 * b, 2 * c, b - 0.3 * a + 1];
-  const space = place(
+  const space = spaceOf(
     verb(
       "joint_position",
       ["a", "b", "c"],
@@ -94,7 +94,7 @@ test("three adverbs are a place in space, also where their axes are oblique", ()
   });
 });
 
-test("adverbs that no affine map takes to the points within 5 mm are no place", () => {
+test("a fit with a residual above 5 mm gives no goal space", () => {
   const bulged = (by: number) =>
     verb(
       "joint_position",
@@ -104,13 +104,13 @@ test("adverbs that no affine map takes to the points within 5 mm are no place", 
         [u, v, k === 4 ? by : 0],
       ]),
     );
-  expect(placeOf(bulged(0.004))).not.toBeNull();
-  expect(placeOf(bulged(0.05))).toBeNull();
+  expect(goalSpaceOf(bulged(0.004))).not.toBeNull();
+  expect(goalSpaceOf(bulged(0.05))).toBeNull();
 });
 
-test("too few points, or points on one line, are no place", () => {
+test("too few or collinear points give no goal space", () => {
   expect(
-    placeOf(
+    goalSpaceOf(
       verb(
         "joint_position",
         ["u", "v"],
@@ -131,20 +131,20 @@ test("too few points, or points on one line, are no place", () => {
     [t, t],
     [t, 0, 0],
   ]);
-  expect(placeOf(verb("joint_position", ["u", "v"], line))).toBeNull();
+  expect(goalSpaceOf(verb("joint_position", ["u", "v"], line))).toBeNull();
 });
 
-test("without points only x, y and z are places", () => {
+test("without measured points only adverbs named x, y and z are positions", () => {
   const unknown = CORNERS.map((c): [number[], null] => [c, null]);
-  expect(place(verb("joint_position", ["x", "y", "z"], unknown)).point({ x: 1, y: 2, z: 3 })).toEqual([1, 2, 3]);
-  expect(place(verb("joint_position", ["x", "y"], unknown)).point({ x: 1, y: 2 })).toEqual([1, 2, 0]);
-  expect(placeOf(verb("joint_position", ["u", "v"], unknown))).toBeNull();
-  expect(placeOf(verb("none", [], []))).toBeNull();
+  expect(spaceOf(verb("joint_position", ["x", "y", "z"], unknown)).point({ x: 1, y: 2, z: 3 })).toEqual([1, 2, 3]);
+  expect(spaceOf(verb("joint_position", ["x", "y"], unknown)).point({ x: 1, y: 2 })).toEqual([1, 2, 0]);
+  expect(goalSpaceOf(verb("joint_position", ["u", "v"], unknown))).toBeNull();
+  expect(goalSpaceOf(verb("none", [], []))).toBeNull();
 });
 
-test("a jump lands at its distance, its direction counted from +Z toward +X; height stays", () => {
+test("a jump lands at its distance and direction from +Z toward +X; height is kept", () => {
   const names = ["distance", "direction", "height"];
-  const jump = place(verb("jump", names, []));
+  const jump = spaceOf(verb("jump", names, []));
   const [x, y, z] = jump.point({ distance: 2, direction: Math.PI / 2, height: 0.3 });
   expect([x, y, z]).toEqual([expect.closeTo(2, 9), 0, expect.closeTo(0, 9)]);
   expect(jump.adverbs([-1, 0, 0], { height: 0.3 })).toEqual({
@@ -155,28 +155,28 @@ test("a jump lands at its distance, its direction counted from +Z toward +X; hei
   expect(jump.adverbs([0, 0, 0.001], { direction: 0.7, height: 0 }).direction).toBe(0.7);
 });
 
-test("a jump's arc starts at the ground, rises by its height and lands on the goal", () => {
+test("the arc of a jump starts on the ground, rises by its height and ends at the goal", () => {
   const names = ["distance", "direction", "height"];
   const adverbs = { distance: 1.2, direction: 0.4, height: 0.35 };
-  const jump = place(verb("jump", names, []));
-  const points = arc(jump, names, adverbs, 10);
+  const jump = spaceOf(verb("jump", names, []));
+  const points = jumpArc(jump, names, adverbs, 10);
   expect(Array.from(points.slice(0, 3))).toEqual([0, 0, 0]);
   expect(points[5 * 3 + 1]).toBeCloseTo(0.35, 6);
   expect(length(sub(Array.from(points.slice(30)) as unknown as V3, jump.point(adverbs)))).toBeLessThan(1e-6);
 });
 
-test("a velocity is an arrow: forward along +Z, sideways along +X; the turn stays", () => {
+test("a velocity points forward along +Z and sideways along +X; the turn rate is kept", () => {
   const names = ["forward_speed", "turn_rate", "sideways_speed"];
-  const arrow = place(verb("root_velocity", names, []));
+  const arrow = spaceOf(verb("root_velocity", names, []));
   const adverbs = { forward_speed: 1.5, turn_rate: 0.8, sideways_speed: -0.2 };
   expect(arrow.point(adverbs)).toEqual([-0.2 * AHEAD_S, 0, 1.5 * AHEAD_S]);
   expect(arrow.adverbs(arrow.point(adverbs), { ...adverbs, forward_speed: 0, sideways_speed: 0 })).toEqual(adverbs);
 });
 
-test("the way of a turning walk is the circle that its speeds ask for", () => {
+test("the path of a turning walk is a circle of radius speed / turn rate", () => {
   const names = ["forward_speed", "turn_rate", "sideways_speed"];
   const [speed, turn, steps] = [2, 1.5, 400];
-  const points = path(names, { forward_speed: speed, turn_rate: turn, sideways_speed: 0 }, steps);
+  const points = velocityPath(names, { forward_speed: speed, turn_rate: turn, sideways_speed: 0 }, steps);
   const radius = speed / turn;
   for (let k = 0; k <= steps; k += 50) {
     expect(Math.hypot((points[3 * k] as number) - radius, points[3 * k + 2] as number)).toBeCloseTo(radius, 4);
@@ -184,17 +184,17 @@ test("the way of a turning walk is the circle that its speeds ask for", () => {
   expect(points[3 * steps]).toBeCloseTo(radius * (1 - Math.cos(turn * AHEAD_S)), 4);
 });
 
-test("a goal that is dragged away stays within half a range of its bounds", () => {
+test("a dragged goal is clamped to its range plus half a range", () => {
   const of = verb("joint_position", ["x", "y"], []);
-  expect(bounded(of, { x: 40, y: -1.2 })).toEqual({ x: 2, y: -1.2 });
+  expect(clampGoal(of, { x: 40, y: -1.2 })).toEqual({ x: 2, y: -1.2 });
 });
 
-test("a ray meets a plane only in front of it", () => {
-  expect(meet([0, 1, 0], unit([0, -1, 1]), [5, 0, 5], [0, 1, 0])).toEqual([
+test("a ray intersects a plane only in front of its origin", () => {
+  expect(intersectPlane([0, 1, 0], unit([0, -1, 1]), [5, 0, 5], [0, 1, 0])).toEqual([
     0,
     expect.closeTo(0, 9),
     expect.closeTo(1, 9),
   ]);
-  expect(meet([0, 1, 0], [0, 1, 0], [0, 0, 0], [0, 1, 0])).toBeNull();
-  expect(meet([0, 1, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0])).toBeNull();
+  expect(intersectPlane([0, 1, 0], [0, 1, 0], [0, 0, 0], [0, 1, 0])).toBeNull();
+  expect(intersectPlane([0, 1, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0])).toBeNull();
 });

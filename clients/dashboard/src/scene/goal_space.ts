@@ -3,46 +3,46 @@ import { add, cross, dot, length, mean, scale, square, sub, unit, type V3, ZERO 
 
 export type Adverbs = Readonly<Record<string, number>>;
 
-/** A point that the server measured, beside the adverbs that it belongs to. */
-export interface Known {
+/** An example's adverbs with the measured effector position. */
+export interface ExamplePoint {
   readonly name: string;
   readonly adverbs: Adverbs;
-  /** Place of the effector at its keytime, m; null where it is not known. */
+  /** Effector position at its keytime, m; null if unknown. */
   readonly point: V3 | null;
 }
 
-/** Where adverbs are in space, and back. */
-export interface Place {
+/** Maps adverbs to positions and back. */
+export interface GoalSpace {
   readonly kind: "space" | "sheet" | "jump" | "velocity";
-  /** Whether places are counted from where the character stands and faces, not from the verb's origin. */
-  readonly carried: boolean;
+  /** Whether positions are relative to the character instead of the verb's origin. */
+  readonly movesWithCharacter: boolean;
   /** Adverbs that dragging changes. */
   readonly names: readonly string[];
-  /** Plane in which the goal is dragged; null: all of space. */
+  /** Plane of the drag; null: free in space. */
   readonly plane: { readonly normal: V3; readonly through: V3 } | null;
   point(adverbs: Adverbs): V3;
-  /** The adverbs at a point; others keep what `now` says. */
+  /** Adverbs of a position; other adverbs are taken from `now`. */
   adverbs(point: V3, now: Adverbs): Record<string, number>;
 }
 
-/** How far an affine map may miss a measured point before the goal is hidden, m. */
+/** Largest residual of an affine map for a draggable goal, m. */
 const FIT_M = 0.005;
 
-/** Metres of arrow for each metre per second: where the character gets in this time, s. */
+/** Arrow length per velocity: the distance travelled in this time, s. */
 export const AHEAD_S = 0.5;
 
 const value = (adverbs: Adverbs, name: string | undefined): number => adverbs[name ?? ""] ?? 0;
 
-/** An affine map from two or three adverbs to space: origin and one axis per adverb. */
-interface Affine {
+/** Affine map from two or three adverbs to positions: origin and one axis per adverb. */
+interface AffineMap {
   readonly origin: V3;
   readonly axes: readonly V3[];
 }
 
-const at = (map: Affine, numbers: readonly number[]): V3 =>
+const at = (map: AffineMap, numbers: readonly number[]): V3 =>
   map.axes.reduce((point, axis, k) => add(point, scale(axis, numbers[k] as number)), map.origin);
 
-/** Solve a·x = b for a symmetric a of size 2 or 3, by Gauss with pivots; null where it is singular. */
+/** Solve a·x = b for a symmetric 2×2 or 3×3 matrix by Gaussian elimination; null if singular. */
 function solved(a: readonly (readonly number[])[], b: readonly number[]): number[] | null {
   const rows = a.map((row, k) => [...row, b[k] as number]);
   const size = rows.length;
@@ -61,8 +61,8 @@ function solved(a: readonly (readonly number[])[], b: readonly number[]): number
   return rows.map((row, k) => (row[size] as number) / (row[k] as number));
 }
 
-/** The affine map that fits measured points best, by least squares; null where they do not lie on one. */
-export function fitted(names: readonly string[], known: readonly Known[]): Affine | null {
+/** Least-squares affine map of the measured points; null if the residual is too large. */
+export function fitAffine(names: readonly string[], known: readonly ExamplePoint[]): AffineMap | null {
   const points = known.filter((one) => one.point !== null);
   if (points.length <= names.length) return null;
   const inputs = points.map((one) => names.map((name) => value(one.adverbs, name)));
@@ -90,8 +90,8 @@ export function fitted(names: readonly string[], known: readonly Known[]): Affin
   return miss <= FIT_M ? { origin, axes } : null;
 }
 
-/** Without measured points: x, y and z are what their names say. */
-function named(names: readonly string[]): Affine | null {
+/** Fallback without measured points: adverbs named x, y and z are coordinates. */
+function named(names: readonly string[]): AffineMap | null {
   const axes: Record<string, V3> = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
   const chosen = names.map((name) => axes[name]);
   return chosen.length > 1 && chosen.every((axis) => axis !== undefined)
@@ -99,13 +99,13 @@ function named(names: readonly string[]): Affine | null {
     : null;
 }
 
-function affine(names: readonly string[], map: Affine): Place {
+function affine(names: readonly string[], map: AffineMap): GoalSpace {
   const { axes, origin } = map;
   const normal = axes.length === 2 ? unit(cross(axes[0] as V3, axes[1] as V3), [0, 0, 1]) : null;
   const gram = axes.map((a) => axes.map((b) => dot(a, b)));
   return {
     kind: normal ? "sheet" : "space",
-    carried: false,
+    movesWithCharacter: false,
     names,
     plane: normal ? { normal, through: origin } : null,
     point: (adverbs) =>
@@ -125,12 +125,12 @@ function affine(names: readonly string[], map: Affine): Place {
 
 const GROUND = { normal: [0, 1, 0], through: ZERO } as const;
 
-/** Distance, direction from +Z toward +X, and height: where the jump lands; height is left to its slider. */
-function jump(names: readonly string[]): Place {
+/** Distance, direction (from +Z toward +X) and height: the handle is the landing point, height has a slider only. */
+function jump(names: readonly string[]): GoalSpace {
   const [distance, direction] = names as [string, string];
   return {
     kind: "jump",
-    carried: true,
+    movesWithCharacter: true,
     names: [distance, direction],
     plane: GROUND,
     point: (adverbs) => {
@@ -144,12 +144,12 @@ function jump(names: readonly string[]): Place {
   };
 }
 
-/** Forward speed and sideways speed (left): an arrow on the ground; the turn is left to its slider. */
-function velocity(names: readonly string[]): Place {
+/** Forward and sideways speed (left): an arrow on the ground; the turn rate has a slider only. */
+function velocity(names: readonly string[]): GoalSpace {
   const [forward, , sideways] = names as [string, string, string];
   return {
     kind: "velocity",
-    carried: true,
+    movesWithCharacter: true,
     names: [forward, sideways],
     plane: GROUND,
     point: (adverbs) => [value(adverbs, sideways) * AHEAD_S, 0, value(adverbs, forward) * AHEAD_S],
@@ -157,8 +157,8 @@ function velocity(names: readonly string[]): Place {
   };
 }
 
-/** Points along the way that a constant velocity and turn lead in `AHEAD_S`, from the origin, 3 numbers each. */
-export function path(names: readonly string[], adverbs: Adverbs, steps: number): Float32Array {
+/** Path of a constant velocity and turn rate over `AHEAD_S`, 3 numbers per point. */
+export function velocityPath(names: readonly string[], adverbs: Adverbs, steps: number): Float32Array {
   const [forward, turn, sideways] = names.map((name) => value(adverbs, name)) as [number, number, number];
   const out = new Float32Array(3 * (steps + 1));
   const time = AHEAD_S / steps;
@@ -171,9 +171,9 @@ export function path(names: readonly string[], adverbs: Adverbs, steps: number):
   return out;
 }
 
-/** Points of a jump's arc from the origin to its landing, 3 numbers each; it rises by the adverb `height`. */
-export function arc(place: Place, names: readonly string[], adverbs: Adverbs, steps: number): Float32Array {
-  const [[x, , z], high] = [place.point(adverbs), value(adverbs, names[2])];
+/** Arc of a jump from the origin to its landing, 3 numbers per point; `height` is its apex. */
+export function jumpArc(space: GoalSpace, names: readonly string[], adverbs: Adverbs, steps: number): Float32Array {
+  const [[x, , z], high] = [space.point(adverbs), value(adverbs, names[2])];
   const out = new Float32Array(3 * (steps + 1));
   for (let k = 0; k <= steps; k++) {
     const t = k / steps;
@@ -182,45 +182,45 @@ export function arc(place: Place, names: readonly string[], adverbs: Adverbs, st
   return out;
 }
 
-const point = (said: readonly number[] | null): V3 | null => (said?.length === 3 ? (said as unknown as V3) : null);
+const point = (text: readonly number[] | null): V3 | null => (text?.length === 3 ? (text as unknown as V3) : null);
 
-export function examplesOf(verb: Verb): Known[] {
+export function examplePoints(verb: Verb): ExamplePoint[] {
   return verb.examples.map((one) => ({ name: one.name, adverbs: one.adverbs, point: point(one.point) }));
 }
 
-export function pseudoOf(verb: Verb): Known[] {
+export function pseudoExamplePoints(verb: Verb): ExamplePoint[] {
   return verb.pseudo_examples.map((one, k) => {
     return { name: `Pseudo-example ${k + 1}`, adverbs: one.adverbs, point: point(one.point) };
   });
 }
 
-/** Where a verb's measured adverbs are; null where they are no place. */
-export function placeOf(verb: Verb): Place | null {
+/** Position map of a verb's measured adverbs; null if they are not positions. */
+export function goalSpaceOf(verb: Verb): GoalSpace | null {
   const { kind, adverbs: names } = verb.measure;
   if (kind === "jump" && names.length === 3) return jump(names);
   if (kind === "root_velocity" && names.length === 3) return velocity(names);
   if (kind !== "joint_position" || names.length < 2 || names.length > 3) return null;
-  const known = examplesOf(verb);
-  const map = known.some((one) => one.point) ? fitted(names, known) : named(names);
+  const known = examplePoints(verb);
+  const map = known.some((one) => one.point) ? fitAffine(names, known) : named(names);
   return map ? affine(names, map) : null;
 }
 
-/** Where a ray meets a plane; null where it runs along it or away from it. */
-export function meet(from: V3, way: V3, through: V3, normal: V3): V3 | null {
-  const slope = dot(way, normal);
+/** Intersection of a ray with a plane; null if parallel or behind the origin. */
+export function intersectPlane(from: V3, direction: V3, through: V3, normal: V3): V3 | null {
+  const slope = dot(direction, normal);
   if (Math.abs(slope) < 1e-6) return null;
   const far = dot(sub(through, from), normal) / slope;
-  return far > 0 ? add(from, scale(way, far)) : null;
+  return far > 0 ? add(from, scale(direction, far)) : null;
 }
 
-/** Two unit axes of a plane. */
+/** Two orthonormal axes of a plane. */
 export function axesOf(normal: V3): readonly [V3, V3] {
   const right = square(Math.abs(normal[1]) > 0.9 ? [1, 0, 0] : cross([0, 1, 0], normal), normal);
   return [right, cross(normal, right)];
 }
 
-/** Adverbs no farther outside their ranges than half the range: a goal dragged along the horizon stays in reach. */
-export function bounded(verb: Verb, adverbs: Record<string, number>): Record<string, number> {
+/** Clamp adverbs to their ranges plus half a range, which bounds drags toward the horizon. */
+export function clampGoal(verb: Verb, adverbs: Record<string, number>): Record<string, number> {
   for (const { name, min, max } of verb.adverbs) {
     const room = 0.5 * (max - min);
     adverbs[name] = Math.min(Math.max(value(adverbs, name), min - room), max + room);

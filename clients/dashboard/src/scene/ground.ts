@@ -20,7 +20,7 @@ void main() {
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
 }`;
 
-/** Lines every 0.1 m and 1 m, as wide as a pixel wherever they are; fine ones go where they would blur. */
+/** Grid lines every 0.1 m and 1 m, one pixel wide; fine lines fade out with distance. */
 const FRAGMENT = `
 uniform vec3 tint;
 uniform float strength;
@@ -45,15 +45,15 @@ void main() {
   #include <colorspace_fragment>
 }`;
 
-/** Two triangles along x, so far up and down. */
+/** Two triangles along x. */
 function stroke(from: number, to: number, half: number): number[] {
   return [from, -half, 0, to, -half, 0, to, half, 0, from, -half, 0, to, half, 0, from, half, 0];
 }
 
-/** The ground lies lower than y = 0 by this: feet of real capture go through it by a few millimetres. */
+/** Depth of the ground below y = 0: captured feet penetrate it by a few millimetres. */
 const SUNK_M = 0.004;
 
-/** The plane that measures lengths: the ground, or the wall behind an arm that moves in a plane. */
+/** Reference plane with grid: the ground, or the wall behind a planar arm. */
 export class Ground {
   readonly group = new Group();
   readonly #uniforms = {
@@ -91,7 +91,7 @@ export class Ground {
     this.group.add(this.#grid, this.#shade, this.#bar);
   }
 
-  /** Lie on y = 0, or stand at z = `back` as a wall; lines reach `size` metres. */
+  /** Ground at y = 0, or wall at z = `back`; the grid extends `size` metres. */
   lay(wall: boolean, back: number, size: number): void {
     this.#wall = wall;
     this.group.rotation.x = wall ? 0 : -Math.PI / 2;
@@ -101,7 +101,7 @@ export class Ground {
     this.#shade.scale.set(4 * size, 4 * size, 1);
   }
 
-  /** Keep the lines where they are in the world, and their middle at what is looked at. */
+  /** Centre the grid on the camera target with its lines fixed in the world. */
   centre(x: number, y: number, z: number): void {
     const [u, v] = this.#wall ? [x, y] : [x, -z];
     this.#grid.position.set(u, v, 0);
@@ -109,10 +109,10 @@ export class Ground {
     this.#uniforms.middle.value.set(u, v);
   }
 
-  /** Put the left end of the 1 m bar at a place of the plane: x and z on the ground, x and y on the wall. */
+  /** Position of the 1 m bar's left end on the plane: x and z on the ground, x and y on the wall. */
   putBar(u: number, v: number): void {
     this.#bar.position.set(u, this.#wall ? v : -v, 0.002);
-    this.#bar.scale.y = this.#wall ? 1 : 2; // the ground is seen at a low angle
+    this.#bar.scale.y = this.#wall ? 1 : 2; // compensates the low viewing angle
   }
 
   get bar(): Mesh {

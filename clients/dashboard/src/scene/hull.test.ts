@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 import type { Verb } from "../types";
-import { type Known, type Place, placeOf } from "./goal_space";
-import { hullOf, outline } from "./hull";
+import { type ExamplePoint, type GoalSpace, goalSpaceOf } from "./goal_space";
+import { convexOutline, hullOf } from "./hull";
 
 const names = ["x", "y", "z"];
 
@@ -19,13 +19,13 @@ function verb(numbers: readonly number[][], chart: string, used = names): Verb {
 }
 
 function hull(of: Verb) {
-  return hullOf(of, placeOf(of) as Place, of.examples as unknown as Known[]);
+  return hullOf(of, goalSpaceOf(of) as GoalSpace, of.examples as unknown as ExamplePoint[]);
 }
 
 const CUBE = [-1, 1].flatMap((x) => [0, 2].flatMap((y) => [-1, 1].map((z) => [x, y, z])));
 
-test("the outline of points of a plane leaves out those inside and on an edge", () => {
-  const corners = outline([
+test("the convex outline omits points inside and on an edge", () => {
+  const corners = convexOutline([
     [0, 0],
     [2, 0],
     [2, 2],
@@ -42,13 +42,13 @@ test("the outline of points of a plane leaves out those inside and on an edge", 
   ]);
 });
 
-test("a cube has twelve edges, no diagonals, and the faces enclose its volume", () => {
+test("a cube has twelve edges without diagonals, and faces that enclose its volume", () => {
   const found = hull(verb([...CUBE, [0, 1, 0]], "identity"));
   expect(found?.edges.length).toBe(12 * 6);
   expect(volume(found?.faces as Float32Array)).toBeCloseTo(8, 5);
 });
 
-test("examples on one plane of space have no hull, and fewer than three of a sheet neither", () => {
+test("coplanar examples of three adverbs, and two examples of two adverbs, have no hull", () => {
   expect(
     hull(
       verb(
@@ -94,7 +94,7 @@ test("two adverbs give the polygon of their examples", () => {
   expect([found?.edges.length, found?.faces.length]).toEqual([4 * 6, 2 * 9]);
 });
 
-test("a domain about the body is bent around it: its faces keep away from the middle", () => {
+test("a cylindrical domain is curved: its faces stay away from the axis", () => {
   const around = [0, 1, 2, 3, 4].flatMap((k) => {
     const angle = -2 + k;
     return [0.8, 1.2].flatMap((r) => [0.5, 1.5].map((y) => [r * Math.sin(angle), y, r * Math.cos(angle)]));

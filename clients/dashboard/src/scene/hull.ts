@@ -1,24 +1,24 @@
 import { EdgesGeometry, Vector3 } from "three";
 import { ConvexGeometry } from "three/addons/geometries/ConvexGeometry.js";
 import type { Verb } from "../types";
-import type { Adverbs, Known, Place } from "./goal_space";
+import type { Adverbs, ExamplePoint, GoalSpace } from "./goal_space";
 import { axesOf } from "./goal_space";
 import { add, cross, dot, length, scale, sub, unit, type V3 } from "./vec";
 
-/** A hull to draw, in the verb's space: three points per triangle, two per edge, 3 numbers each. */
+/** Hull mesh in goal space: three points per triangle, two per edge, 3 numbers each. */
 export interface Hull {
   readonly faces: Float32Array;
   readonly edges: Float32Array;
 }
 
-/** Faces that meet at less than this are drawn as one. */
+/** Faces that meet at a smaller angle share no visible edge, degrees. */
 const CREASE_DEG = 18;
 
-/** Parts into which edges are divided where the chart bends them. */
+/** Subdivisions of edges in a curved chart. */
 const BENDS = 12;
 
-/** Corners of the convex hull of points of a plane, counter-clockwise (Andrew's monotone chain). */
-export function outline(points: readonly (readonly [number, number])[]): (readonly [number, number])[] {
+/** Convex hull of 2D points, counter-clockwise (Andrew's monotone chain). */
+export function convexOutline(points: readonly (readonly [number, number])[]): (readonly [number, number])[] {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   const half = (all: readonly (readonly [number, number])[]) => {
     const chain: (readonly [number, number])[] = [];
@@ -34,11 +34,11 @@ export function outline(points: readonly (readonly [number, number])[]): (readon
   return [...half(sorted), ...half(sorted.reverse())];
 }
 
-/** The hull of points of a plane. */
+/** Convex hull of coplanar points. */
 function flat(points: readonly V3[], normal: V3): Hull | null {
   const [right, up] = axesOf(normal);
   const level = points.length ? dot(points[0] as V3, normal) : 0;
-  const corners = outline(points.map((p) => [dot(p, right), dot(p, up)] as const));
+  const corners = convexOutline(points.map((p) => [dot(p, right), dot(p, up)] as const));
   if (corners.length < 3) return null;
   const lifted = corners.map(([u, v]) => add(scale(normal, level), add(scale(right, u), scale(up, v))));
   const faces = lifted.slice(2).flatMap((corner, k) => [lifted[0] as V3, lifted[k + 1] as V3, corner]);
@@ -46,7 +46,7 @@ function flat(points: readonly V3[], normal: V3): Hull | null {
   return { faces: Float32Array.from(faces.flat()), edges: Float32Array.from(edges.flat()) };
 }
 
-/** Whether points span space and not only a plane. */
+/** Whether the points span three dimensions. */
 function spans(points: readonly V3[]): boolean {
   const first = points[0];
   if (!first) return false;
@@ -62,7 +62,7 @@ function spans(points: readonly V3[]): boolean {
 
 const vector = (p: V3) => new Vector3(p[0], p[1], p[2]);
 
-/** Triangles of the hull and the edges between faces that differ, before any bending. */
+/** Triangles and visible edges of the convex hull before curving. */
 function solid(points: readonly V3[]): { faces: V3[]; edges: V3[] } {
   const geometry = new ConvexGeometry(points.map(vector));
   const sharp = new EdgesGeometry(geometry, CREASE_DEG);
@@ -76,7 +76,7 @@ function solid(points: readonly V3[]): { faces: V3[]; edges: V3[] } {
   return result;
 }
 
-/** Divide triangles into steps² and edges into steps, and move every point. */
+/** Subdivide triangles and edges, and map every point. */
 function bent(raw: { faces: V3[]; edges: V3[] }, steps: number, move: (p: V3) => V3): Hull {
   const [faces, edges]: [number[], number[]] = [[], []];
   for (let f = 0; f < raw.faces.length; f += 3) {
@@ -99,7 +99,7 @@ function bent(raw: { faces: V3[]; edges: V3[] }, steps: number, move: (p: V3) =>
   return { faces: Float32Array.from(faces), edges: Float32Array.from(edges) };
 }
 
-/** The verb's cylinder about the start, unrolled: its domain is convex there and bent in space. */
+/** The verb's cylindrical chart around the start position: convex when unrolled. */
 function cylinder(verb: Verb): { to: (p: V3) => V3; from: (p: V3) => V3 } {
   const [x0, z0, cut, radius] = verb.domain.chart_bend as [number, number, number, number];
   const [a, b, c] = verb.domain.scale as [number, number, number];
@@ -116,10 +116,10 @@ function cylinder(verb: Verb): { to: (p: V3) => V3; from: (p: V3) => V3 } {
   };
 }
 
-/** The verb's domain as it lies in space: the hull of its examples, in the chart in which it is convex. */
-export function hullOf(verb: Verb, place: Place, known: readonly Known[]): Hull | null {
-  const points = known.map((one) => place.point(one.adverbs));
-  if (place.plane) return flat(points, place.plane.normal);
+/** Domain of the verb: the examples' convex hull in the verb's chart. */
+export function hullOf(verb: Verb, space: GoalSpace, known: readonly ExamplePoint[]): Hull | null {
+  const points = known.map((one) => space.point(one.adverbs));
+  if (space.plane) return flat(points, space.plane.normal);
   if (!spans(points)) return null;
   const { chart, chart_axes } = verb.domain;
   if (chart !== "cylinder" || verb.adverbs.length !== 3) return bent(solid(points), 1, (p) => p);
@@ -127,5 +127,5 @@ export function hullOf(verb: Verb, place: Place, known: readonly Known[]): Hull 
   const { to, from } = cylinder(verb);
   const numbers = (adverbs: Adverbs) => names.map((name) => adverbs[name]) as unknown as V3;
   const named = (p: V3) => Object.fromEntries(names.map((name, k) => [name, p[k] as number]));
-  return bent(solid(known.map((one) => to(numbers(one.adverbs)))), BENDS, (p) => place.point(named(from(p))));
+  return bent(solid(known.map((one) => to(numbers(one.adverbs)))), BENDS, (p) => space.point(named(from(p))));
 }

@@ -1,6 +1,6 @@
 import type { PerspectiveCamera, Vector3 } from "three";
 
-/** A short text at a place in the picture; it is page text, so it stays sharp. */
+/** Text label at a position in the picture, as a DOM element. */
 export class Label {
   readonly element = document.createElement("div");
   readonly #host: HTMLElement;
@@ -36,7 +36,7 @@ export class Label {
     this.element.style.visibility = "hidden";
   }
 
-  /** Show `text` beside a world place, inside the picture; `point` is overwritten. */
+  /** Show `text` beside a world position, inside the picture; overwrites `point`. */
   show(text: string, point: Vector3, camera: PerspectiveCamera, aside: number): void {
     point.project(camera);
     const { clientWidth: wide, clientHeight: high } = this.#host;

@@ -2,7 +2,7 @@ import { DirectionalLight, Group, HemisphereLight } from "three";
 import type { Palette } from "./palette";
 import type { V3 } from "./vec";
 
-/** A soft sky, a key light that casts shadows, and an edge of light from behind. */
+/** Sky light, shadow-casting key light and rim light. */
 export class Lights {
   readonly group = new Group();
   readonly #sky = new HemisphereLight();
@@ -19,7 +19,7 @@ export class Lights {
     this.group.add(this.#sky, this.#key, this.#key.target, this.#rim, this.#rim.target);
   }
 
-  /** Light a ball of some radius about a place, from a side. */
+  /** Light a sphere around a position from a direction. */
   aim(x: number, y: number, z: number, radius: number, from: V3): void {
     const far = 3 * radius;
     const { camera } = this.#key.shadow;

@@ -15,7 +15,7 @@ function skeleton(rows: readonly Row[], tips: Skeleton["tips"] = []): Skeleton {
   };
 }
 
-/** A person; `name` says how its joints are called. */
+/** A human skeleton with joint names mapped by `name`. */
 function person(name: (plain: string) => string = (plain) => plain): Skeleton {
   const half = (side: string, s: number, at: number): Row[] => [
     [name(`${side}Shoulder`), 2, s * 0.03, 0.11, 0.02],
@@ -49,7 +49,7 @@ const ARM = skeleton([
   ["D", 2, 0.25, 0, 0],
 ]);
 
-/** Four legs, a neck, and names that mean nothing. */
+/** Four legs, a neck, and meaningless names. */
 const BEAST = skeleton(
   [
     ["q0", -1, 0, 0, 0],
@@ -63,7 +63,7 @@ const BEAST = skeleton(
   [{ parent: 4, offset: [0, -0.3, 0] }],
 );
 
-test("a body is known as human by the names of several tools", () => {
+test("human skeletons are recognised by the joint names of several tools", () => {
   expect(isHuman(anatomyOf(person()))).toBe(true);
   expect(isHuman(anatomyOf(person((plain) => `mixamorig:${plain}`)))).toBe(true);
   const others: Record<string, string> = { UpLeg: "thigh", Leg: "calf", ForeArm: "lowerarm", Arm: "upperarm" };
@@ -75,7 +75,7 @@ test("a body is known as human by the names of several tools", () => {
   expect(isHuman(anatomyOf(BEAST))).toBe(false);
 });
 
-test("a body's axes are found whichever way its skeleton lies", () => {
+test("body axes are found in every orientation of the rest pose", () => {
   const turned = person();
   turned.offsets = turned.offsets.map(([x, y, z]) => [x as number, -(z as number), y as number]);
   turned.tips = turned.tips.map(({ parent, offset: [x, y, z] }) => {
@@ -87,7 +87,7 @@ test("a body's axes are found whichever way its skeleton lies", () => {
   expect(forward[1]).toBeLessThan(-0.99);
 });
 
-test("every joint of a person carries something, on both sides alike", () => {
+test("every joint of a human has parts, equal on both sides", () => {
   const parts = planOf(person());
   const on = (joint: number) => parts.filter((part) => part.joint === joint).map((part) => [part.form, part.tone]);
   for (let joint = 5; joint < 13; joint++) {
@@ -97,7 +97,7 @@ test("every joint of a person carries something, on both sides alike", () => {
   expect(on(4)).toEqual([["loft", "body"]]);
 });
 
-test("a person twice as large has the same parts, twice as large", () => {
+test("a human of twice the size has parts of twice the size", () => {
   const large = person();
   large.offsets = large.offsets.map((offset) => offset.map((x) => 2 * x));
   large.tips = large.tips.map(({ parent, offset }) => ({ parent, offset: offset.map((x) => 2 * x) }));
@@ -107,7 +107,7 @@ test("a person twice as large has the same parts, twice as large", () => {
   expect(two.z / one.z).toBeCloseTo(2, 2);
 });
 
-test("a person's parts reach from the soles to above the head, and stay as slim as a person", () => {
+test("the parts of a human have human proportions", () => {
   const { x, y, z } = extent(person());
   expect(y).toBeGreaterThan(0.06 + 0.42 + 0.43 + 0.05 + 0.34 + 0.27 + 0.17);
   expect(y).toBeLessThan(1.9);
@@ -115,7 +115,7 @@ test("a person's parts reach from the soles to above the head, and stay as slim 
   expect(x).toBeLessThan(1.85);
 });
 
-test("an arm is made of links behind the plane in which its tip moves", () => {
+test("an arm has links behind the plane of its tip", () => {
   expect(isChain(anatomyOf(ARM))).toBe(true);
   const parts = planOf(ARM);
   expect(parts.filter((part) => part.form === "bar").map((part) => part.joint)).toEqual([0, 1, 2]);
@@ -126,7 +126,7 @@ test("an arm is made of links behind the plane in which its tip moves", () => {
   }
 });
 
-test("unknown animals get thicker limbs where more hangs on them", () => {
+test("unknown bodies have thicker limbs where more segments are attached", () => {
   const parts = planOf(BEAST);
   const width = (joint: number) => {
     const part = parts.find((one) => one.joint === joint && one.form === "loft");
@@ -172,11 +172,11 @@ function volume(points: ArrayLike<number>, faces: ArrayLike<number>): number {
 
 /** Size of the whole figure in its rest pose. */
 function extent(of: Skeleton): Vector3 {
-  const { places } = anatomyOf(of);
+  const { positions } = anatomyOf(of);
   const [low, high] = [new Vector3().setScalar(1e9), new Vector3().setScalar(-1e9)];
   for (const [joint, geometry] of mannequin(of, "low")) {
     geometry.computeBoundingBox();
-    const at = new Vector3(...(places[joint] as [number, number, number]));
+    const at = new Vector3(...(positions[joint] as [number, number, number]));
     low.min(at.clone().add(geometry.boundingBox?.min ?? at));
     high.max(at.clone().add(geometry.boundingBox?.max ?? at));
     geometry.dispose();

@@ -3,21 +3,21 @@ import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import type { Skeleton } from "../types";
 import { anatomyOf, isChain, isHuman } from "./anatomy";
 import { human } from "./body";
-import { arm, creature } from "./creature";
+import { armParts, creatureParts } from "./creature";
 import type { Part } from "./parts";
 import { type Detail, shapeOf } from "./shapes";
 
-/** Brightness of the two materials; the colour itself is the figure's. */
+/** Brightness of the two tones, relative to the figure's colour. */
 const TONES = { body: 1, joint: 0.34 } as const;
 
-/** What a mannequin on this skeleton is made of. */
+/** Parts of a mannequin for a skeleton. */
 export function planOf(skeleton: Skeleton): readonly Part[] {
   const anatomy = anatomyOf(skeleton);
   if (isHuman(anatomy)) return human(anatomy);
-  return isChain(anatomy) ? arm(anatomy) : creature(anatomy);
+  return isChain(anatomy) ? armParts(anatomy) : creatureParts(anatomy);
 }
 
-/** One geometry per joint that carries something, in the joint's frame; tones are vertex colours. */
+/** One geometry per joint in the joint's frame, with tones as vertex colours. */
 export function mannequin(skeleton: Skeleton, detail: Detail): Map<number, BufferGeometry> {
   const pieces = new Map<number, BufferGeometry[]>();
   for (const part of planOf(skeleton)) {

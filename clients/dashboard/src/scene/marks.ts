@@ -14,40 +14,40 @@ import {
   Vector3,
 } from "three";
 import type { Verb } from "../types";
-import { examplesOf, type Known, type Place, pseudoOf } from "./goal_space";
+import { type ExamplePoint, examplePoints, type GoalSpace, pseudoExamplePoints } from "./goal_space";
 import { hullOf } from "./hull";
 import type { Palette } from "./palette";
 import type { V3 } from "./vec";
 
-/** How many pixels from a mark the pointer still means it. */
+/** Pick radius of a mark, pixels. */
 const NEAR_PX = 11;
 
-/** The domain's hull, the examples and the pseudo-examples of one verb, in its space. */
+/** Hull, examples and pseudo-examples of one verb, in its goal space. */
 export class Marks {
   readonly group = new Group();
-  /** Places of everything that is marked, for framing. */
+  /** Positions of all marks, for framing. */
   readonly points: readonly V3[];
-  readonly #known: readonly { readonly known: Known; readonly at: Vector3; readonly of: InstancedMesh }[];
+  readonly #known: readonly { readonly known: ExamplePoint; readonly at: Vector3; readonly of: InstancedMesh }[];
   readonly #hull = new Group();
   readonly #examples: InstancedMesh<SphereGeometry, MeshBasicMaterial>;
   readonly #pseudo: InstancedMesh<SphereGeometry, MeshBasicMaterial>;
   readonly #face = new MeshBasicMaterial({ transparent: true, opacity: 0.07, depthWrite: false, side: BackSide });
   readonly #edge = new LineBasicMaterial({ transparent: true, opacity: 0.45, depthWrite: false });
 
-  constructor(verb: Verb, place: Place | null) {
-    const [examples, pseudo] = place ? [examplesOf(verb), pseudoOf(verb)] : [[], []];
-    this.#examples = this.#dots(examples.length, place?.carried ? 0.018 : 0.0095);
-    this.#pseudo = this.#dots(pseudo.length, place?.carried ? 0.011 : 0.006);
+  constructor(verb: Verb, space: GoalSpace | null) {
+    const [examples, pseudo] = space ? [examplePoints(verb), pseudoExamplePoints(verb)] : [[], []];
+    this.#examples = this.#dots(examples.length, space?.movesWithCharacter ? 0.018 : 0.0095);
+    this.#pseudo = this.#dots(pseudo.length, space?.movesWithCharacter ? 0.011 : 0.006);
     const known = [
       ...examples.map((one) => [one, this.#examples] as const),
       ...pseudo.map((one) => [one, this.#pseudo] as const),
     ];
     this.#known = known.map(([one, of]) => {
-      return { known: one, of, at: new Vector3(...(place?.point(one.adverbs) ?? [0, 0, 0])) };
+      return { known: one, of, at: new Vector3(...(space?.point(one.adverbs) ?? [0, 0, 0])) };
     });
     this.points = this.#known.map(({ at }) => [at.x, at.y, at.z]);
-    this.#put(place?.plane?.normal[1] === 1 ? 0.006 : 0);
-    if (place) this.#wrap(verb, place, examples);
+    this.#put(space?.plane?.normal[1] === 1 ? 0.006 : 0);
+    if (space) this.#wrap(verb, space, examples);
     this.group.add(this.#hull, this.#examples, this.#pseudo);
   }
 
@@ -65,9 +65,9 @@ export class Marks {
     this.#pseudo.material.color.copy(palette.pseudo);
   }
 
-  /** What is marked nearest to a pixel, if anything near it is visible; `to` takes world places to pixels. */
-  pick(x: number, y: number, to: (world: Vector3) => Vector3): { known: Known; at: Vector3 } | null {
-    let best: { known: Known; at: Vector3 } | null = null;
+  /** Nearest visible mark within the pick radius; `to` projects world positions to pixels. */
+  pick(x: number, y: number, to: (world: Vector3) => Vector3): { known: ExamplePoint; at: Vector3 } | null {
+    let best: { known: ExamplePoint; at: Vector3 } | null = null;
     let least = NEAR_PX;
     for (const { known, at, of } of this.#known) {
       if (!of.visible) continue;
@@ -98,25 +98,25 @@ export class Marks {
   }
 
   #put(lift: number): void {
-    const place = new Matrix4();
+    const space = new Matrix4();
     const filled = new Map<InstancedMesh, number>();
     for (const { at, of } of this.#known) {
       const k = filled.get(of) ?? 0;
-      of.setMatrixAt(k, place.setPosition(at.x, at.y + lift, at.z));
+      of.setMatrixAt(k, space.setPosition(at.x, at.y + lift, at.z));
       filled.set(of, k + 1);
     }
   }
 
-  #wrap(verb: Verb, place: Place, examples: readonly Known[]): void {
-    const hull = hullOf(verb, place, examples);
+  #wrap(verb: Verb, space: GoalSpace, examples: readonly ExamplePoint[]): void {
+    const hull = hullOf(verb, space, examples);
     if (!hull) return;
     const geometry = (points: Float32Array) =>
       new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
-    if (place.plane) this.#face.side = DoubleSide;
+    if (space.plane) this.#face.side = DoubleSide;
     const face = new Mesh(geometry(hull.faces), this.#face);
     const edge = new LineSegments(geometry(hull.edges), this.#edge);
     [face.renderOrder, edge.renderOrder] = [4, 5];
-    if (place.plane?.normal[1] === 1) this.#hull.position.y = 0.004;
+    if (space.plane?.normal[1] === 1) this.#hull.position.y = 0.004;
     this.#hull.add(face, edge);
   }
 }

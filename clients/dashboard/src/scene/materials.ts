@@ -1,14 +1,14 @@
 import { type Material, MeshStandardMaterial } from "three";
 
-/** More solid where the surface turns away from the eye: outlines say more than what lies inside them. */
+/** More opaque at grazing angles, which emphasises the silhouette. */
 const OUTLINED = `
 diffuseColor.a *= 0.22 + 0.78 * pow(1.0 - abs(dot(normalize(vViewPosition), normal)), 1.6);
 #include <opaque_fragment>`;
 
 /**
- * Materials of both sides: what is set against the main side shows through, each figure only its outside.
+ * Materials of both figures. The comparison is translucent and shows only its outer surface.
  *
- * It is held a few millimetres behind where it is, so that it shows only where both sides differ.
+ * Its depth is offset by a few millimetres, so that it is visible only where the figures differ.
  */
 export function materials() {
   const main = new MeshStandardMaterial({ vertexColors: true, roughness: 0.62, metalness: 0 });

@@ -1,6 +1,6 @@
 import { Color } from "three";
 
-/** Colours of the picture; those that mean something come from the page's own variables. */
+/** Colours of the scene; semantic ones come from the page's CSS variables. */
 export interface Palette {
   readonly dark: boolean;
   readonly figure: Color;
@@ -15,8 +15,8 @@ export interface Palette {
 }
 
 function variable(host: HTMLElement, name: string, otherwise: string): Color {
-  const said = getComputedStyle(host).getPropertyValue(name).trim();
-  const plain = /^(#[0-9a-f]{3,8}|rgb|hsl)/i.test(said) ? said : otherwise;
+  const text = getComputedStyle(host).getPropertyValue(name).trim();
+  const plain = /^(#[0-9a-f]{3,8}|rgb|hsl)/i.test(text) ? text : otherwise;
   return new Color().setStyle(plain);
 }
 

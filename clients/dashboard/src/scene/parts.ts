@@ -1,22 +1,22 @@
 import type { V3 } from "./vec";
 
-/** The two materials of a mannequin. */
+/** The two tones of a mannequin. */
 export type Tone = "body" | "joint";
 
-/** A cross-section: its centre, and how far it goes to the side and to the front, m. */
+/** Cross-section: centre, half-width and half-depth, m. */
 export interface Station {
   readonly at: V3;
   readonly wide: number;
   readonly deep: number;
 }
 
-/** A smooth skin over cross-sections, rounded at both ends. */
+/** Smooth surface through cross-sections, rounded at both ends. */
 export interface Loft {
   readonly form: "loft";
   readonly stations: readonly Station[];
-  /** Where `wide` points; `deep` is square to it and to the loft's axis. */
+  /** Direction of `wide`; `deep` is perpendicular to it and to the axis. */
   readonly side: V3;
-  /** 2: ellipses; more: boxes with round corners. */
+  /** Superellipse exponent: 2 is an ellipse, more a rounded box. */
   readonly boxy: number;
 }
 
@@ -26,7 +26,7 @@ export interface Ball {
   readonly radius: number;
 }
 
-/** A flat link with round ends, square to `normal`. */
+/** Flat link with round ends, perpendicular to `normal`. */
 export interface Bar {
   readonly form: "bar";
   readonly from: V3;
@@ -45,10 +45,10 @@ export interface Pin {
   readonly high: number;
 }
 
-/** One piece of a mannequin, fixed to a joint, in the joint's frame. */
+/** One part of a mannequin, fixed to a joint, in the joint's frame. */
 export type Part = (Loft | Ball | Bar | Pin) & {
   readonly joint: number;
   readonly tone: Tone;
-  /** Left out where detail is low. */
+  /** Omitted at low detail. */
   readonly fine?: boolean;
 };

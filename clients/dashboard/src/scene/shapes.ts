@@ -14,10 +14,10 @@ import { cross, length, sub, unit, type V3 } from "./vec";
 
 export type Detail = "high" | "low";
 
-/** How finely round things are divided: around, between two cross-sections, and over an end. */
+/** Segments of round shapes: around, between two cross-sections, and over an end. */
 const FINENESS = { high: { around: 20, between: 4, end: 4 }, low: { around: 8, between: 1, end: 1 } } as const;
 
-/** Value of a smooth curve (Catmull–Rom) through `values`, `t` of the way from `k` to `k + 1`. */
+/** Catmull–Rom curve through `values`, at `t` between `k` and `k + 1`. */
 function curve(values: readonly number[], k: number, t: number): number {
   const at = (i: number) => values[Math.min(Math.max(i, 0), values.length - 1)] as number;
   const [a, b, c, d] = [at(k - 1), at(k), at(k + 1), at(k + 2)];
@@ -44,9 +44,9 @@ function refined(stations: readonly Station[], steps: number): Station[] {
 }
 
 /**
- * How an end is closed: as the cap of a ball that goes on with the skin's slope, squeezed along its axis.
+ * Close an end with a sphere cap that continues the surface's slope, compressed along the axis.
  *
- * With θ the latitude at which such a ball slopes as the skin does, its cap is r·(1 − sin θ) / cos θ high.
+ * With θ the latitude of equal slope, the cap is r·(1 − sin θ) / cos θ high.
  */
 function dome(end: Station, inner: Station, out: V3, rings: number): { stations: Station[]; pole: V3 } {
   const grown = Math.min(inner.wide - end.wide, inner.deep - end.deep);
@@ -64,7 +64,7 @@ function dome(end: Station, inner: Station, out: V3, rings: number): { stations:
   return { stations, pole: along(Math.PI / 2) };
 }
 
-/** Points of one cross-section, a superellipse. */
+/** Points of one superellipse cross-section. */
 function ring(station: Station, side: V3, front: V3, boxy: number, around: number, out: number[]): void {
   for (let i = 0; i < around; i++) {
     const angle = (2 * Math.PI * i) / around;
@@ -93,7 +93,7 @@ function loft(part: Loft, detail: Detail): BufferGeometry {
   return closed(points, all.length, around);
 }
 
-/** Triangles between rings of points, and from the first and last ring to the two points behind them. */
+/** Triangles between consecutive rings, and fans to the two poles. */
 function closed(points: number[], rings: number, around: number): BufferGeometry {
   const faces: number[] = [];
   const poles = rings * around;
@@ -113,7 +113,7 @@ function closed(points: number[], rings: number, around: number): BufferGeometry
   return geometry;
 }
 
-/** Move a shape made along +X (length) and +Z (normal) to where it belongs. */
+/** Transform a shape made along +X (length) and +Z (normal) to its position. */
 function laid(geometry: BufferGeometry, along: V3, normal: V3, at: V3): BufferGeometry {
   const vector = (v: V3) => new Vector3(v[0], v[1], v[2]);
   const place = new Matrix4().makeBasis(vector(along), vector(cross(normal, along)), vector(normal));
@@ -123,15 +123,15 @@ function laid(geometry: BufferGeometry, along: V3, normal: V3, at: V3): BufferGe
 }
 
 function bar(part: Bar, detail: Detail): BufferGeometry {
-  const way = sub(part.to, part.from);
-  const long = length(way);
+  const direction = sub(part.to, part.from);
+  const long = length(direction);
   const lean = Math.acos(Math.min(Math.max((part.radius - part.tip) / long, -1), 1));
-  const outline = new Shape();
-  outline.absarc(0, 0, part.radius, lean, 2 * Math.PI - lean, false);
-  outline.absarc(long, 0, part.tip, -lean, lean, false);
-  outline.closePath();
+  const convexOutline = new Shape();
+  convexOutline.absarc(0, 0, part.radius, lean, 2 * Math.PI - lean, false);
+  convexOutline.absarc(long, 0, part.tip, -lean, lean, false);
+  convexOutline.closePath();
   const bevel = part.thick * 0.16;
-  const solid = new ExtrudeGeometry(outline, {
+  const solid = new ExtrudeGeometry(convexOutline, {
     depth: part.thick - 2 * bevel,
     curveSegments: detail === "high" ? 20 : 6,
     bevelThickness: bevel,
@@ -140,7 +140,7 @@ function bar(part: Bar, detail: Detail): BufferGeometry {
     bevelSegments: detail === "high" ? 3 : 1,
   });
   solid.translate(0, 0, bevel - part.thick / 2);
-  return laid(solid, unit(way), part.normal, part.from);
+  return laid(solid, unit(direction), part.normal, part.from);
 }
 
 function pin(part: Pin, detail: Detail): BufferGeometry {
@@ -150,7 +150,7 @@ function pin(part: Pin, detail: Detail): BufferGeometry {
   return laid(solid, along, part.axis, part.at);
 }
 
-/** The indexed geometry of one part, in its joint's frame, with positions and normals. */
+/** Indexed geometry of one part in its joint's frame, with positions and normals. */
 export function shapeOf(part: Part, detail: Detail): BufferGeometry {
   if (part.form === "loft") return loft(part, detail);
   if (part.form === "bar") return bar(part, detail);

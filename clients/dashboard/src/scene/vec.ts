@@ -1,4 +1,4 @@
-/** Three numbers, for what is computed once per verb; what runs every frame works on typed arrays instead. */
+/** Vectors for per-verb computation; per-frame code uses typed arrays. */
 export type V3 = readonly [number, number, number];
 
 export const ZERO: V3 = [0, 0, 0];
@@ -16,15 +16,15 @@ export const cross = (a: V3, b: V3): V3 => [
   a[0] * b[1] - a[1] * b[0],
 ];
 
-/** Unit vector along `a`; `instead` where `a` has no length. */
+/** Unit vector along `a`; `instead` for a zero vector. */
 export function unit(a: V3, instead: V3 = [0, 1, 0]): V3 {
   const size = length(a);
   return size > 1e-9 ? scale(a, 1 / size) : instead;
 }
 
-/** The unit vector nearest to `wish` that is square to the unit vector `axis`. */
-export function square(wish: V3, axis: V3): V3 {
-  const rest = sub(wish, scale(axis, dot(wish, axis)));
+/** Unit vector nearest to `direction` that is perpendicular to the unit vector `axis`. */
+export function square(direction: V3, axis: V3): V3 {
+  const rest = sub(direction, scale(axis, dot(direction, axis)));
   if (length(rest) > 1e-3) return unit(rest);
   return square(Math.abs(axis[1]) < 0.9 ? [0, 1, 0] : [1, 0, 0], axis);
 }
@@ -33,7 +33,7 @@ export function mean(points: readonly V3[]): V3 {
   return scale(points.reduce(add, ZERO), 1 / Math.max(points.length, 1));
 }
 
-/** Centre and half-sizes of the box around points. */
+/** Centre and half-sizes of the bounding box. */
 export function box(points: readonly V3[]): { centre: V3; half: V3 } {
   const low = [0, 1, 2].map((k) => Math.min(...points.map((p) => p[k] as number))) as unknown as V3;
   const high = [0, 1, 2].map((k) => Math.max(...points.map((p) => p[k] as number))) as unknown as V3;

@@ -1,4 +1,4 @@
-/** Elements in one line: properties, attributes and listeners by name, then children. */
+/** DOM helpers: `h` creates an element from properties, attributes, listeners and children. */
 
 type Child = Node | string | number | null | false;
 type Props<Tag extends keyof HTMLElementTagNameMap> = Partial<Omit<HTMLElementTagNameMap[Tag], "style">> &
@@ -26,31 +26,31 @@ function asNode(child: Exclude<Child, null | false>): Node | string {
   return typeof child === "number" ? String(child) : child;
 }
 
-/** A choice with a label that is seen. */
+/** Select box with a visible label. */
 export function choice(
   label: string,
   options: readonly (readonly [value: string, text: string])[],
   changed: (value: string) => void,
 ) {
   const select = h("select", { onchange: () => changed(select.value) });
-  offer(select, options);
+  setOptions(select, options);
   return { element: h("label", { className: "choice" }, h("span", {}, label), select), select };
 }
 
-/** Replace what a choice offers; what was chosen stays, where it still is there. */
-export function offer(select: HTMLSelectElement, options: readonly (readonly [string, string])[]): void {
+/** Replace the options; keeps the selected value if it still exists. */
+export function setOptions(select: HTMLSelectElement, options: readonly (readonly [string, string])[]): void {
   const { value } = select;
   select.replaceChildren(...options.map(([option, text]) => h("option", { value: option }, text)));
   if (options.some(([option]) => option === value)) select.value = value;
 }
 
-/** A switch: a box to tick, with its label. */
+/** Checkbox with a label. */
 export function toggle(label: string, changed: (on: boolean) => void) {
   const box = h("input", { type: "checkbox", onchange: () => changed(box.checked) });
   return { element: h("label", { className: "toggle" }, box, h("span", {}, label)), box };
 }
 
-/** An icon from strokes on a 16 × 16 grid, for buttons that have a name of their own. */
+/** Stroke icon on a 16 × 16 grid. */
 export function icon(path: string): SVGSVGElement {
   const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
   svg.setAttribute("viewBox", "0 0 16 16");

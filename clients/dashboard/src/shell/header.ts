@@ -1,38 +1,55 @@
-/** The top of the page: which verb, by which method, beside what; how the connection is. */
+/** Header: verb, method, comparison and connection state. */
 
 import type { Page } from "../app";
-import type { Against, Stats, View } from "../types";
-import { choice, h, icon, offer } from "./dom";
+import type { Comparison, Connection, Stats, View } from "../types";
+import { choice, h, icon, setOptions } from "./dom";
 
-const THEMES = { auto: "As the system", light: "Light", dark: "Dark" } as const;
-const METHOD_WORDS: Record<string, string> = { rbf: "RBF", knn: "KNN", perdof: "per DOF" };
+const THEMES = { auto: "System", light: "Light", dark: "Dark" } as const;
+const METHOD_LABELS: Record<string, string> = { rbf: "RBF", knn: "KNN", perdof: "per DOF" };
+
+export const CONNECTION_LABELS: Record<Connection, string> = {
+  connecting: "connecting…",
+  open: "connected",
+  lost: "reconnecting…",
+  closed: "closed",
+};
 
 export function header(page: Page, help: () => void): HTMLElement {
   return h(
     "header",
     { className: "header" },
     h("h1", {}, "Adverb"),
-    h("div", { className: "pickers" }, verbPicker(page), methodPicker(page), againstPicker(page)),
+    h("div", { className: "pickers" }, verbPicker(page), methodPicker(page), comparisonPicker(page)),
     h("div", { className: "grow" }),
-    link(page),
+    connectionLine(page),
     themePicker(page),
-    h("button", { type: "button", className: "plain", "aria-label": "Keys", title: "Keys (?)", onclick: help }, "?"),
+    h(
+      "button",
+      {
+        type: "button",
+        className: "plain",
+        "aria-label": "Keyboard shortcuts",
+        title: "Keyboard shortcuts (?)",
+        onclick: help,
+      },
+      "?",
+    ),
   );
 }
 
-export function methodName(method: string): string {
-  return METHOD_WORDS[method] ?? method;
+export function methodLabel(method: string): string {
+  return METHOD_LABELS[method] ?? method;
 }
 
 function verbPicker(page: Page): HTMLElement {
-  const { element, select } = choice("Verb", [], (verb) => page.choose(verb));
-  const version = h("span", { className: "version", title: "Version that is served" });
+  const { element, select } = choice("Verb", [], (verb) => page.selectVerb(verb));
+  const version = h("span", { className: "version", title: "Current version" });
   const show = () => {
     select.value = page.store.view.verb;
     version.textContent = page.verb ? `v${page.verb.version}` : "";
   };
   page.on("verbs", (verbs) => {
-    offer(
+    setOptions(
       select,
       verbs.map(({ name }) => [name, name]),
     );
@@ -46,12 +63,12 @@ function verbPicker(page: Page): HTMLElement {
 
 function methodPicker(page: Page): HTMLElement {
   const { element, select } = choice("Method", [], (method) => page.store.change({ method }));
-  element.title = "The verb's own method stands first";
+  element.title = "The verb's default method is listed first";
   const show = () => {
     const { verb } = page;
-    const own = verb ? methodName(verb.default_method) : "";
+    const byDefault = verb ? methodLabel(verb.default_method) : "";
     const others = verb?.methods.filter((method) => method !== verb.default_method) ?? [];
-    offer(select, [["", own], ...others.map((method) => [method, methodName(method)] as const)]);
+    setOptions(select, [["", byDefault], ...others.map((method) => [method, methodLabel(method)] as const)]);
     const { method } = page.store.view;
     select.value = method === verb?.default_method ? "" : method;
   };
@@ -60,65 +77,65 @@ function methodPicker(page: Page): HTMLElement {
   return element;
 }
 
-function againstPicker(page: Page): HTMLElement {
-  const { element, select } = choice("Compare with", [["", "nothing"]], (value) => {
-    page.store.change({ against: read(value) });
+function comparisonPicker(page: Page): HTMLElement {
+  const { element, select } = choice("Compare with", [["", "none"]], (value) => {
+    page.store.change({ compare: readComparison(value) });
   });
   let versions: number[] = [];
   const show = () => {
     const { verb, store } = page;
-    const { against } = store.view;
-    const kept = new Set([...versions, ...(against.kind === "version" ? [against.version] : [])]);
-    offer(select, [
-      ["", "nothing"],
-      ...(verb?.methods ?? []).map((method) => [`method:${method}`, methodName(method)] as const),
+    const { compare } = store.view;
+    const kept = new Set([...versions, ...(compare.kind === "version" ? [compare.version] : [])]);
+    setOptions(select, [
+      ["", "none"],
+      ...(verb?.methods ?? []).map((method) => [`method:${method}`, methodLabel(method)] as const),
       ...[...kept].map((version) => [`version:${version}`, `version ${version}`] as const),
     ]);
-    select.value = written(against);
+    select.value = writeComparison(compare);
   };
   page.on("verb", async ({ name, version }) => {
     versions = [];
     show();
-    const known = await page.rest.versions(name).catch(() => null); // a server without a data folder keeps none
+    const known = await page.rest.versions(name).catch(() => null); // a server without a data folder has no versions
     if (known?.verb !== page.verb?.name) return;
     versions = known?.versions.map((row) => row.version).filter((row) => row !== version) ?? [];
     show();
   });
-  page.store.on(["against"], show);
+  page.store.on(["compare"], show);
   return element;
 }
 
-function written(against: Against): string {
-  if (against.kind === "method") return `method:${against.method}`;
-  return against.kind === "version" ? `version:${against.version}` : "";
+function writeComparison(compare: Comparison): string {
+  if (compare.kind === "method") return `method:${compare.method}`;
+  return compare.kind === "version" ? `version:${compare.version}` : "";
 }
 
-function read(value: string): Against {
+function readComparison(value: string): Comparison {
   const [kind, rest = ""] = value.split(/:(.*)/s);
   if (kind === "method") return { kind, method: rest };
-  return kind === "version" ? { kind, version: Number(rest) } : { kind: "nothing" };
+  return kind === "version" ? { kind, version: Number(rest) } : { kind: "none" };
 }
 
-/** One line about the connection; the details are in the panel. */
-function link(page: Page): HTMLElement {
-  const words = h("span", {});
+/** Connection summary; details are on the Service tab. */
+function connectionLine(page: Page): HTMLElement {
+  const text = h("span", {});
   const element = h(
     "div",
     {
       className: "link",
       "data-state": page.connection,
-      title: "Messages a second, and how old 95 of 100 are on arrival",
+      title: "Pose messages per second, and 95th percentile of their age on arrival",
     },
-    words,
+    text,
   );
   const show = (stats: Stats | null) => {
     element.dataset.state = page.connection;
-    words.textContent =
+    text.textContent =
       page.connection === "open"
         ? stats && stats.messages_per_s > 0
-          ? `${stats.messages_per_s.toFixed(0)} messages/s · ${stats.lateness_p95_ms.toFixed(0)} ms late`
-          : "connected"
-        : page.connection;
+          ? `${stats.messages_per_s.toFixed(0)} messages/s · ${stats.lateness_p95_ms.toFixed(0)} ms p95`
+          : CONNECTION_LABELS.open
+        : CONNECTION_LABELS[page.connection];
   };
   page.on("stats", show);
   page.on("connection", () => show(page.stats));
@@ -134,7 +151,7 @@ function themePicker(page: Page): HTMLElement {
   });
   button.append(icon("M8 2.5a5.5 5.5 0 1 0 0 11zM8 2.5a5.5 5.5 0 0 1 0 11"));
   const show = () => {
-    const text = `Colours: ${THEMES[page.store.view.theme].toLowerCase()}`;
+    const text = `Theme: ${THEMES[page.store.view.theme].toLowerCase()}`;
     button.ariaLabel = button.title = text;
   };
   page.store.on(["theme"], show);

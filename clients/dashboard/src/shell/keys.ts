@@ -1,28 +1,28 @@
-/** Keys for the whole page, and the list that tells them. */
+/** Keyboard shortcuts and their dialog. */
 
 import type { Page } from "../app";
 import { h } from "./dom";
 
 const KEYS = [
   ["Space", "play or pause"],
-  ["← →", "a frame back or on; with shift ten"],
-  ["↑ ↓", "the adverb whose slider has the focus"],
-  ["1 – 9", "pick a verb"],
-  ["f", "follow the figure, or not"],
+  ["← →", "previous or next frame; with Shift, 10 frames"],
+  ["↑ ↓", "change the focused adverb"],
+  ["1 – 9", "select a verb"],
+  ["f", "follow the figure on or off"],
   ["r", "reset the view"],
-  ["?", "this list"],
+  ["?", "show this list"],
 ] as const;
 
-/** Elements that use keys themselves. */
+/** Elements with own keyboard input. */
 const TYPING = "input[type=number], input[type=text], input[type=search], select, textarea, dialog";
 
-export function keyList(): HTMLDialogElement {
+export function shortcutDialog(): HTMLDialogElement {
   const rows = KEYS.flatMap(([key, meaning]) => [h("dt", {}, h("kbd", {}, key)), h("dd", {}, meaning)]);
   const close = h("button", { type: "button", onclick: () => dialog.close() }, "Close");
   const dialog = h(
     "dialog",
-    { className: "keys", "aria-label": "Keys" },
-    h("h2", {}, "Keys"),
+    { className: "keys", "aria-label": "Keyboard shortcuts" },
+    h("h2", {}, "Keyboard shortcuts"),
     h("dl", {}, ...rows),
     close,
   );
@@ -32,7 +32,7 @@ export function keyList(): HTMLDialogElement {
   return dialog;
 }
 
-export function listen(page: Page, resetView: () => void, help: () => void): void {
+export function bindKeys(page: Page, resetView: () => void, help: () => void): void {
   const actions: Record<string, (event: KeyboardEvent) => void> = {
     " ": () => (page.store.view.playing ? page.pause() : page.play()),
     ArrowLeft: ({ shiftKey }) => step(page, shiftKey ? -10 : -1),
@@ -46,14 +46,14 @@ export function listen(page: Page, resetView: () => void, help: () => void): voi
     if (event.ctrlKey || event.metaKey || event.altKey || target.closest(TYPING)) return;
     if (event.key === " " && target.closest("button, [type=checkbox], summary, a")) return;
     const verb = /^[1-9]$/.test(event.key) ? page.verbs[Number(event.key) - 1] : undefined;
-    const action = actions[event.key] ?? (verb && (() => page.choose(verb.name)));
+    const action = actions[event.key] ?? (verb && (() => page.selectVerb(verb.name)));
     if (!action || (event.key.startsWith("Arrow") && target.closest("[role=tablist], input[type=range]"))) return;
     event.preventDefault();
     action(event);
   });
 }
 
-/** So many frames on, at the rate that is streamed. */
+/** Step by frames at the streamed rate. */
 function step(page: Page, frames: number): void {
   const { view } = page.store;
   const shown = page.shown.main;

@@ -1,4 +1,4 @@
-/** What the page has to say: in passing, or over the scene where there is nothing to see. */
+/** Notices, and the overlay for missing content. */
 
 import type { Page } from "../app";
 import { h } from "./dom";
@@ -6,48 +6,48 @@ import { h } from "./dom";
 const NOTE_MS = 5000;
 const MOST = 4;
 
-/** Short notices that go by themselves; errors wait to be dismissed. */
+/** Notices disappear after a few seconds; errors stay until dismissed. */
 export function notices(page: Page): HTMLElement {
   const list = h("div", { className: "notices", role: "log", "aria-label": "Notices" });
-  page.on("say", ({ text, kind }) => {
+  page.on("notice", ({ text, kind }) => {
     if ([...list.children].some((row) => row.firstChild?.textContent === text)) return;
     const row = h("div", { className: `notice ${kind}` }, h("span", {}, text));
-    const go = () => row.remove();
-    row.append(h("button", { type: "button", className: "plain", "aria-label": "Dismiss", onclick: go }, "×"));
+    const dismiss = () => row.remove();
+    row.append(h("button", { type: "button", className: "plain", "aria-label": "Dismiss", onclick: dismiss }, "×"));
     list.append(row);
     while (list.children.length > MOST) list.firstChild?.remove();
-    if (kind === "note") setTimeout(go, NOTE_MS);
+    if (kind === "note") setTimeout(dismiss, NOTE_MS);
   });
   return list;
 }
 
-/** Over the scene: loading, nothing served, nobody answers. What was shown stays, greyed. */
-export function veil(page: Page, scene: HTMLElement): HTMLElement {
+/** Overlay while loading, without verbs, or without connection; the last picture stays greyed out. */
+export function overlay(page: Page, scene: HTMLElement): HTMLElement {
   const title = h("strong", {}, "Loading…");
   const detail = h("span", {});
-  const add = h(
+  const upload = h(
     "button",
-    { type: "button", hidden: true, onclick: () => page.store.change({ panel: "add" }) },
-    "Add one",
+    { type: "button", hidden: true, onclick: () => page.store.change({ panel: "upload" }) },
+    "Upload a verb",
   );
-  const element = h("div", { className: "veil", role: "status" }, title, detail, add);
+  const element = h("div", { className: "overlay", role: "status" }, title, detail, upload);
   let failure = "";
   const show = () => {
     const { connection } = page;
-    const away = connection === "lost" || (connection === "connecting" && failure !== "");
-    const empty = page.answered && page.verbs.length === 0;
-    scene.classList.toggle("away", away);
-    element.hidden = !away && !empty && page.shown.main !== null;
-    add.hidden = away || !empty;
-    title.textContent = away ? "The server does not answer; trying again…" : empty ? "No verb is served" : "Loading…";
-    detail.textContent = away ? failure : empty ? "Add one from capture, or start the server with a data folder." : "";
+    const offline = connection === "lost" || (connection === "connecting" && failure !== "");
+    const empty = page.loaded && page.verbs.length === 0;
+    scene.classList.toggle("offline", offline);
+    element.hidden = !offline && !empty && page.shown.main !== null;
+    upload.hidden = offline || !empty;
+    title.textContent = offline ? "No connection to the server; retrying…" : empty ? "No verbs" : "Loading…";
+    detail.textContent = offline ? failure : empty ? "Upload a verb, or start the server with --data." : "";
   };
   page.on("connection", () => {
     if (page.connection === "open") failure = "";
     show();
   });
-  page.on("offline", (why) => {
-    failure = why.detail;
+  page.on("offline", ({ detail: reason }) => {
+    failure = reason;
     show();
   });
   page.on("verbs", show);

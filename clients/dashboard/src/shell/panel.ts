@@ -1,4 +1,4 @@
-/** The side panel: tabs, of which all but the first are loaded when they are opened. */
+/** Side panel with tabs; all but the first are loaded on demand. */
 
 import type { Page } from "../app";
 import type { App, Panel } from "../types";
@@ -11,7 +11,7 @@ const TABS: readonly (readonly [Panel, string])[] = [
   ["quality", "Quality"],
   ["versions", "Versions"],
   ["service", "Service"],
-  ["add", "Add"],
+  ["upload", "Upload"],
 ];
 const PARTS = import.meta.glob<{ mount: Mount }>("../panels/{quality,versions,service,upload}.ts");
 
@@ -50,7 +50,7 @@ export function panel(page: Page, first: HTMLElement): HTMLElement {
 }
 
 function path(name: Panel): string {
-  return `../panels/${name === "add" ? "upload" : name}.ts`;
+  return `../panels/${name}.ts`;
 }
 
 function tabButton(page: Page, name: Panel, label: string): HTMLButtonElement {
@@ -70,7 +70,7 @@ function tabButton(page: Page, name: Panel, label: string): HTMLButtonElement {
   );
 }
 
-/** Left and right go from tab to tab, as everywhere. */
+/** Arrow keys move between tabs. */
 function step(
   page: Page,
   names: readonly Panel[],
@@ -87,7 +87,7 @@ function step(
   buttons.get(next)?.focus();
 }
 
-/** On a phone the panel is a sheet that is drawn up from below. */
+/** On a phone the panel is a bottom sheet. */
 function handle(): HTMLElement {
   return h("button", {
     type: "button",

@@ -1,65 +1,87 @@
-/** What is reached, in numbers: how far from what was asked, by what, and where in the motion. */
+/** Readout: live distance to the goal, predicted error at the goal's keytime, comparison and phase. */
 
 import type { Page } from "../app";
-import type { Shown } from "../types";
-import { errorText } from "../verb";
+import type { Shown, Verb } from "../types";
+import { errorText } from "../units";
+import { effectorPhase } from "../verb";
 import { h } from "./dom";
-import { methodName } from "./header";
+import { methodLabel } from "./header";
 
-/** Numbers for people change no faster than this. */
+/** Update interval of the readout. */
 const EVERY_MS = 100;
-/** m or m/s. */
+/** Largest error that counts as reached, m or m/s. */
 const REACHED = 0.001;
+/** Phase tolerance of the goal's keytime. */
+const AT_KEYTIME = 0.012;
 
-export function readout(page: Page): HTMLElement {
-  const error = h("output", { className: "error", "aria-live": "off" }, "–");
+/** State of the goal, as an attribute for the style and as a text. */
+export interface GoalState {
+  state: "none" | "clamped" | "reached" | "missed";
+  text: string;
+}
+
+/** @param distance live distance between effector and goal, m; null if the verb's goal is not a position */
+export function readout(page: Page, distance: () => number | null): HTMLElement {
+  const value = h("output", { className: "error", "aria-live": "off" }, "–");
+  const caption = h("span", { className: "caption" }, "from the goal");
   const state = h("div", { className: "state" });
-  const other = h("div", { className: "other", hidden: true });
+  const comparison = h("div", { className: "comparison", hidden: true });
   const facts = h("dl", { className: "facts" });
-  const head = h("div", { className: "figure" }, error, h("span", { className: "caption" }, "from the goal"));
-  const about = { className: "readout", "aria-label": "What is reached", hidden: true };
-  const element = h("section", about, head, state, other, facts);
-  let due = 0;
-  const show = (shown: Shown) => {
-    if (performance.now() < due) return;
-    due = performance.now() + EVERY_MS;
+  const about = { className: "readout", "aria-label": "Goal error", hidden: true };
+  const element = h("section", about, h("div", { className: "figure" }, value, caption), state, comparison, facts);
+  let dueMs = 0;
+  page.on("frame", (shown) => {
     const { verb } = page;
-    if (!verb) return;
+    if (!verb || performance.now() < dueMs) return;
+    dueMs = performance.now() + EVERY_MS;
     element.hidden = false;
-    error.textContent = errorText(verb, shown.error);
-    const [word, text] = stateOf(shown);
-    state.dataset.state = word;
-    state.textContent = text;
-    const beside = page.shown.other;
-    other.hidden = beside === null;
-    if (beside) other.textContent = `beside it, ${nameOf(page, beside)}: ${errorText(verb, beside.error)}`;
-    facts.replaceChildren(...rows(page, shown));
-  };
-  page.on("frame", show);
+    const live = distance();
+    value.textContent = errorText(live ?? shown.error, live === null ? verb.measure.unit : "m");
+    caption.textContent = live === null ? "goal error" : "from the goal now";
+    const goal = goalState(verb, shown);
+    state.dataset.state = goal.state;
+    state.textContent = goal.text;
+    const other = page.shown.comparison;
+    comparison.hidden = other === null;
+    if (other) comparison.textContent = comparisonText(verb, figureLabel(page, other), other.error);
+    facts.replaceChildren(...rows(page, verb, shown));
+  });
   page.on("verb", () => {
-    error.textContent = "–";
+    value.textContent = "–";
     state.textContent = "";
-    other.hidden = true;
-    due = 0;
+    comparison.hidden = true;
+    dueMs = 0;
   });
   return element;
 }
 
-function stateOf({ error, clamped }: Shown): readonly [string, string] {
-  if (Number.isNaN(error)) return ["none", "nothing is measured on this verb"];
-  if (clamped) return ["clamped", "outside the examples: drawn back"];
-  return error < REACHED ? ["reached", "reached"] : ["missed", "missed"];
+/** State of the goal: predicted before its keytime, measured at it, past after it. */
+export function goalState(verb: Verb, { error, clamped, phase }: Shown): GoalState {
+  if (Number.isNaN(error)) return { state: "none", text: "No measured goal" };
+  if (clamped) return { state: "clamped", text: "Goal out of reach; moved to the nearest reachable point" };
+  const state = error < REACHED ? "reached" : "missed";
+  const keytimePhase = effectorPhase(verb);
+  if (keytimePhase === null || Math.abs(phase - keytimePhase) < AT_KEYTIME)
+    return { state, text: state === "reached" ? "Goal reached" : "Goal missed" };
+  const verbs = phase < keytimePhase ? ["Will reach", "Will miss"] : ["Reached", "Missed"];
+  return { state, text: `${verbs[state === "reached" ? 0 : 1]} the goal at ${verb.measure.keytime}` };
 }
 
-function nameOf(page: Page, shown: Shown): string {
-  return page.store.view.against.kind === "version" ? `version ${shown.version}` : methodName(shown.method);
+/** "RBF (comparison): 226 mm off". */
+export function comparisonText({ measure }: Verb, label: string, error: number): string {
+  return `${label} (comparison): ${Number.isNaN(error) ? "no measured goal" : `${errorText(error, measure.unit)} off`}`;
 }
 
-function rows(page: Page, shown: Shown): HTMLElement[] {
-  const { version, method, phase, count } = shown;
+function figureLabel(page: Page, shown: Shown): string {
+  return page.store.view.compare.kind === "version" ? `Version ${shown.version}` : methodLabel(shown.method);
+}
+
+function rows(page: Page, { measure }: Verb, shown: Shown): HTMLElement[] {
+  const { version, method, phase, count, error } = shown;
   return [
+    ...(Number.isNaN(error) ? [] : [[`Error at ${measure.keytime ?? "goal"}`, errorText(error, measure.unit)]]),
     ["Phase", phase.toFixed(3)],
-    ["Method", methodName(method)],
+    ["Method", methodLabel(method)],
     ["Version", String(version)],
     ...(page.store.view.crowd > 1 ? [["Characters", String(count)]] : []),
   ].flatMap(([name, value]) => [h("dt", {}, name ?? ""), h("dd", {}, value ?? "")]);

@@ -1,10 +1,10 @@
-/** The bar below the scene: play, scrub past the keytimes, hold at the one that matters, and how poses come. */
+/** Transport bar: playback, phase slider with keytimes, pause at the goal, stream settings. */
 
 import type { Page } from "../app";
 import { BOUNDS } from "../store";
 import type { Verb, View } from "../types";
 import { effectorPhase } from "../verb";
-import { choice, h, icon, offer, toggle } from "./dom";
+import { choice, h, icon, setOptions, toggle } from "./dom";
 
 const PLAY = "M5 3.5 12.5 8 5 12.5z";
 const PAUSE = "M5.5 3.5v9M10.5 3.5v9";
@@ -14,10 +14,10 @@ const RATES = [10, 15, 24, 30, 60, 90, 120];
 export function transport(page: Page): HTMLElement {
   return h(
     "section",
-    { className: "transport", "aria-label": "Playing" },
+    { className: "transport", "aria-label": "Playback" },
     playButton(page),
     scrubber(page),
-    h("div", { className: "ways" }, holdButton(page), speed(page), loop(page), rate(page), encoding(page)),
+    h("div", { className: "settings" }, pauseButton(page), speed(page), loop(page), rate(page), encoding(page)),
   );
 }
 
@@ -83,16 +83,16 @@ function keytimeMarks(page: Page, verb: Verb): HTMLElement[] {
   });
 }
 
-/** Stand at the instant that meets the goal, or say that the figure does so for the moment. */
-function holdButton(page: Page): HTMLElement {
+/** Toggle a pause at the goal's keytime; also shows an automatic pause. */
+function pauseButton(page: Page): HTMLElement {
   const button = h("button", {
     type: "button",
-    className: "hold",
+    className: "pause-at-goal",
     hidden: true,
     onclick: () => {
       const phase = page.verb && effectorPhase(page.verb);
       if (phase === null) return;
-      if (standsAt(page.store.view, phase)) page.play();
+      if (pausedAt(page.store.view, phase)) page.play();
       else page.seek(phase);
     },
   });
@@ -101,18 +101,21 @@ function holdButton(page: Page): HTMLElement {
     const phase = verb && effectorPhase(verb);
     button.hidden = phase === null;
     if (!verb || phase === null) return;
-    const held = page.hold.phase !== null || standsAt(page.store.view, phase);
-    button.textContent = `${held ? "Held" : "Hold"} at ${verb.measure.keytime}`;
-    button.ariaPressed = String(held);
-    button.title = page.hold.phase === null ? "Stand where the goal is met" : "Plays on a second after the goal stops";
+    const paused = page.pauseAtGoal.phase !== null || pausedAt(page.store.view, phase);
+    button.textContent = paused ? "Paused at goal" : "Pause at goal";
+    button.ariaPressed = String(paused);
+    button.title =
+      page.pauseAtGoal.phase === null
+        ? `Pause at ${verb.measure.keytime}, where the goal is met`
+        : "Playback resumes one second after the last change of the goal";
   };
   page.on("verb", show);
-  page.on("hold", show);
+  page.on("pause", show);
   page.store.on(["playing", "phase"], show);
   return button;
 }
 
-function standsAt({ playing, phase }: View, keytime: number): boolean {
+function pausedAt({ playing, phase }: View, keytime: number): boolean {
   return !playing && Math.abs(phase - keytime) < 1e-3;
 }
 
@@ -123,7 +126,7 @@ function speed(page: Page): HTMLElement {
       .map((step) => [String(step), `${String(step).replace("-", "−")} ×`] as const);
   const { element, select } = choice("Speed", options(1), (value) => page.store.change({ speed: Number(value) }));
   const show = () => {
-    offer(select, options(page.store.view.speed));
+    setOptions(select, options(page.store.view.speed));
     select.value = String(page.store.view.speed);
   };
   page.store.on(["speed"], show);
@@ -148,9 +151,9 @@ function rate(page: Page): HTMLElement {
       .filter((fps) => fps <= most)
       .sort((a, b) => a - b)
       .map((fps) => [String(fps), `${fps} fps`] as const);
-  const { element, select } = choice("Poses", options(60), (value) => page.store.change({ fps: Number(value) }));
+  const { element, select } = choice("Frame rate", options(60), (value) => page.store.change({ fps: Number(value) }));
   const show = () => {
-    offer(select, options(page.store.view.fps));
+    setOptions(select, options(page.store.view.fps));
     select.value = String(page.store.view.fps);
   };
   page.store.on(["fps"], show);
@@ -166,7 +169,7 @@ function encoding(page: Page): HTMLElement {
   const { element, select } = choice("Encoding", options, (value) => {
     page.store.change({ encoding: value === "q48" ? "q48" : "f32" });
   });
-  element.title = "f32: full precision. q48: a third of the bytes, within 0.00015 rad.";
+  element.title = "f32: full precision. q48: one third of the size, within 0.00015 rad.";
   const show = () => {
     select.value = page.store.view.encoding;
   };

@@ -1,4 +1,4 @@
-/** The first tab: the verb in words, its adverbs, how many characters, and what is drawn besides. */
+/** Verb tab: description, adverbs, number of characters and display options. */
 
 import type { Page } from "../app";
 import { BOUNDS } from "../store";
@@ -9,11 +9,11 @@ import { h, toggle } from "./dom";
 type Flag = { [Key in keyof View]: View[Key] extends boolean ? Key : never }[keyof View];
 
 export function verbTab(page: Page, resetView: () => void): HTMLElement {
-  const words = h("p", { className: "description" });
-  const more = moreButton(words);
+  const description = h("p", { className: "description" });
+  const more = moreButton(description);
   const numbers = h("p", { className: "quiet" });
   page.on("verb", (verb) => {
-    words.textContent = verb.description;
+    description.textContent = verb.description;
     more.show();
     const { min, max } = verb.duration;
     const span = min === max ? `${min.toFixed(2)} s` : `${min.toFixed(2)}–${max.toFixed(2)} s`;
@@ -22,45 +22,45 @@ export function verbTab(page: Page, resetView: () => void): HTMLElement {
   return h(
     "div",
     { className: "verb-tab" },
-    words,
+    description,
     more.button,
     numbers,
     h("h2", {}, "Adverbs"),
     adverbs(page),
     h("h2", {}, "Characters"),
     crowd(page),
-    h("h2", {}, "Show"),
+    h("h2", {}, "Display"),
     h(
       "div",
       { className: "toggles" },
-      flag(page, "hull", "Hull"),
+      flag(page, "hull", "Convex hull"),
       flag(page, "examples", "Examples"),
       flag(page, "pseudo", "Pseudo-examples"),
-      flag(page, "follow", "Follow the figure"),
+      flag(page, "follow", "Follow figure"),
       detail(page),
     ),
-    h("button", { type: "button", onclick: resetView, title: "Reset the view (r)" }, "Reset the view"),
+    h("button", { type: "button", onclick: resetView, title: "Reset view (r)" }, "Reset view"),
   );
 }
 
-/** A long description shows its first lines, and the rest when asked. */
-function moreButton(words: HTMLElement) {
+/** Button that expands a long description. */
+function moreButton(text: HTMLElement) {
   const button = h("button", {
     type: "button",
     className: "more",
     onclick: () => {
-      const open = words.classList.toggle("whole");
-      button.textContent = open ? "less" : "more";
+      const open = text.classList.toggle("expanded");
+      button.textContent = open ? "Less" : "More";
       button.ariaExpanded = String(open);
     },
   });
   const show = () => {
-    words.classList.remove("whole");
-    button.textContent = "more";
+    text.classList.remove("expanded");
+    button.textContent = "More";
     button.ariaExpanded = "false";
-    button.hidden = words.scrollHeight <= words.clientHeight + 1;
+    button.hidden = text.scrollHeight <= text.clientHeight + 1;
   };
-  new ResizeObserver(() => words.classList.contains("whole") || show()).observe(words);
+  new ResizeObserver(() => text.classList.contains("expanded") || show()).observe(text);
   return { button, show };
 }
 
@@ -75,8 +75,8 @@ function flag(page: Page, key: Flag, label: string): HTMLElement {
 }
 
 function detail(page: Page): HTMLElement {
-  const { element, box } = toggle("Fine detail", (on) => page.store.change({ detail: on ? "high" : "low" }));
-  element.title = "Shadows and fine shapes; off is quicker";
+  const { element, box } = toggle("High detail", (on) => page.store.change({ detail: on ? "high" : "low" }));
+  element.title = "Shadows and smooth shapes; off is faster";
   const show = () => {
     box.checked = page.store.view.detail === "high";
   };
@@ -85,7 +85,7 @@ function detail(page: Page): HTMLElement {
   return element;
 }
 
-/** 1 to 1,000 on a slider that is fine where numbers are small. */
+/** Logarithmic slider from 1 to 1,000. */
 function crowd(page: Page): HTMLElement {
   const [least, most] = BOUNDS.crowd;
   const toCount = (share: number) => Math.round(least * (most / least) ** share);
@@ -115,5 +115,5 @@ function crowd(page: Page): HTMLElement {
   };
   page.store.on(["crowd"], show);
   show();
-  return h("div", { className: "adverb" }, h("span", { className: "name" }, "count"), range, number, h("span"));
+  return h("div", { className: "adverb" }, h("span", { className: "name" }, "Number"), range, number, h("span"));
 }

@@ -6,7 +6,7 @@ import { Lateness } from "./clock";
 const STEP = 1000 / 60;
 const DURATION = 2;
 
-/** A figure of one joint that moves along x by a metre a second, and turns about y by a radian a second. */
+/** A figure of one joint that moves along x by one metre per second, and rotates about y by one radian per second. */
 function frameAt(dueMs: number, phase = (dueMs / 1000 / DURATION) % 1): Frame {
   const seconds = dueMs / 1000;
   const poses = new Float32Array([seconds, 1, 0, 0, Math.sin(seconds / 2), 0, Math.cos(seconds / 2)]);
@@ -16,9 +16,9 @@ function frameAt(dueMs: number, phase = (dueMs / 1000 / DURATION) % 1): Frame {
 
 interface Rig {
   buffer: JitterBuffer;
-  /** A message comes, so late. */
+  /** A message arrives with this lateness. */
   arrive(dueMs: number, lateMs: number, phase?: number): void;
-  /** Where the figure is drawn along x. */
+  /** Displayed x of the figure. */
   x(nowMs: number): number;
 }
 
@@ -41,13 +41,13 @@ function rig(): Rig {
   };
 }
 
-/** Frames that come with random lateness, in order, some of them never; pictures 60 times a second. */
+/** Frames with random lateness and loss, in order. */
 const arrivals = fc.array(
   fc.record({ late: fc.double({ min: 0, max: 90, noNaN: true }), lost: fc.nat(9).map((die) => die === 0) }),
   { minLength: 120, maxLength: 240 },
 );
 
-test("what is shown goes forward evenly, whatever the network does", () => {
+test("displayed time is monotone under any network jitter", () => {
   fc.assert(
     fc.property(arrivals, (frames) => {
       const { arrive, x, buffer } = rig();
@@ -78,18 +78,18 @@ test("what is shown goes forward evenly, whatever the network does", () => {
   );
 });
 
-test("between two frames the figure is between them, exactly where it moves evenly", () => {
+test("linear motion is interpolated exactly", () => {
   const { arrive, x } = rig();
   for (let k = 0; k < 20; k++) arrive(k * STEP, 5);
   for (const now of [200, 203, 207.5, 211, 216]) expect(x(now)).toBeCloseTo((now - 5 - STEP) / 1000, 4);
 });
 
-test("the delay grows with lateness and shrinks again, never by a jump", () => {
+test("the delay follows the lateness continuously", () => {
   const { arrive, x, buffer } = rig();
   const coming: { due: number; at: number }[] = [];
   let k = 0;
   let before = Number.NaN;
-  /** How far what is shown lies behind, s, after so many frames that are so late. */
+  /** Display delay after a number of frames with a given lateness, s. */
   const run = (frames: number, late: (k: number) => number) => {
     let now = 0;
     for (const end = k + frames; k < end; k++) {
@@ -116,7 +116,7 @@ test("the delay grows with lateness and shrinks again, never by a jump", () => {
   expect(buffer.delayMs).toBeCloseTo(STEP, 3);
 });
 
-test("where frames fail to come the motion goes on for a moment, and then holds", () => {
+test("without new frames the motion is extrapolated and then stops", () => {
   const { arrive, x } = rig();
   for (let k = 0; k <= 60; k++) arrive(k * STEP, 0);
   expect(x(1000 + STEP + 50)).toBeCloseTo(1.05, 3);
@@ -124,7 +124,7 @@ test("where frames fail to come the motion goes on for a moment, and then holds"
   expect(x(5000)).toBeCloseTo(1 + EXTRAPOLATE_MS / 1000, 3);
 });
 
-test("a frame that was set, not reached, is passed to in a sixth of a second, and not before it is due", () => {
+test("a discontinuity is cross-faded in 160 ms from its due time", () => {
   const { buffer, arrive } = rig();
   const out = new Float32Array(7);
   for (let k = 0; k < 30; k++) arrive(k * STEP, 0, 0.1);
@@ -133,13 +133,13 @@ test("a frame that was set, not reached, is passed to in a sixth of a second, an
   const at = (shown: number) => buffer.sample(shown + STEP, out);
   expect(at(due - 1)?.head.phase).toBeCloseTo(0.1, 5);
   expect(at(due + 1)?.head.phase).toBeCloseTo(0.8, 5);
-  expect(out[0]).toBeCloseTo((due - STEP) / 1000, 3); // the picture has only begun to pass
+  expect(out[0]).toBeCloseTo((due - STEP) / 1000, 3); // start of the cross-fade
   expect((at(due + FADE_MS / 2)?.head.flags ?? 0) & 2).toBe(2);
   expect((at(due + FADE_MS + 1)?.head.flags ?? 0) & 2).toBe(0);
   expect(out[0]).toBeCloseTo((due + FADE_MS + 1) / 1000, 4);
 });
 
-test("a loop's seam is no jump, and its phase stays within the cycle", () => {
+test("the seam of a loop is not a discontinuity", () => {
   const { buffer, arrive } = rig();
   const out = new Float32Array(7);
   const phases: number[] = [];
@@ -154,7 +154,7 @@ test("a loop's seam is no jump, and its phase stays within the cycle", () => {
   expect(Math.max(...phases)).toBeGreaterThan(0.98);
 });
 
-test("after a reset nothing of what was before is shown", () => {
+test("reset discards all frames", () => {
   const { buffer, arrive } = rig();
   for (let k = 0; k < 30; k++) arrive(5000 + k * STEP, 0);
   buffer.reset(1);
@@ -165,13 +165,13 @@ test("after a reset nothing of what was before is shown", () => {
   expect(out[0]).toBeCloseTo(0.1, 5);
 });
 
-test("frames that come twice or too late change nothing", () => {
+test("repeated and late frames are discarded", () => {
   const { buffer } = rig();
   expect([buffer.push(frameAt(10)), buffer.push(frameAt(10)), buffer.push(frameAt(5))]).toEqual([true, false, false]);
   expect(buffer.length).toBe(1);
 });
 
-test("who comes later starts where its first frame is, and who sends nothing stands still", () => {
+test("a new character starts at its first frame, and a silent one keeps its pose", () => {
   const { buffer } = rig();
   const two = (dueMs: number, x: number): Frame => ({
     ...frameAt(dueMs),
@@ -183,5 +183,5 @@ test("who comes later starts where its first frame is, and who sends nothing sta
   expect([...buffer.blank(2)]).toEqual([...two(0, 5).poses]);
   expect(buffer.blank(3).length).toBe(21);
   const out = new Float32Array(14);
-  expect(buffer.sample(10_000, out)?.count).toBe(1); // before the first message nothing tells what is due: the oldest
+  expect(buffer.sample(10_000, out)?.count).toBe(1); // without lateness the oldest frame is displayed
 });

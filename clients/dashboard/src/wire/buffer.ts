@@ -1,10 +1,10 @@
 /**
- * The jitter buffer: frames come when they come, pictures are wanted when they are wanted.
+ * Jitter buffer between arriving frames and displayed pictures.
  *
- * A frame is shown a little later than it was due: by the interval between two frames, so that there is one on either
- * side to go between, and by the lateness that nearly all frames keep to. Shown time runs slightly faster or slower
- * until the delay is what the measured lateness asks for. Where frames fail to come, motion goes on for a moment, then
- * holds. Where the motion was set elsewhere, the picture passes there in a sixth of a second.
+ * Frames are displayed after a delay of one frame interval, so that two frames surround the displayed instant, plus
+ * the lateness of nearly all frames. Playback runs slightly faster or slower until the delay matches the measured
+ * lateness. Without new frames the motion is extrapolated briefly and then stops. Discontinuities are cross-faded
+ * in 160 ms.
  */
 
 import type { Lateness } from "./clock";
@@ -12,57 +12,57 @@ import { FLAGS, poseLength, type RecordHead } from "./decode";
 import { slerp } from "./quaternion";
 
 export const FRAMES_KEPT = 48;
-/** Longest allowance for lateness, and how long motion goes on past the last frame; ms. */
+/** Limits of the lateness allowance and of extrapolation, ms. */
 export const MOST_LATE_MS = 250;
 export const EXTRAPOLATE_MS = 100;
-/** How long the picture passes from a frame to one that was not reached from it. */
+/** Duration of the cross-fade after a discontinuity, ms. */
 export const FADE_MS = 160;
-/** A root that is set further off than this (m) goes there at once. */
+/** A root displacement beyond this (m) is not cross-faded. */
 const FARTHEST = 1;
-/** A playhead that is further off than this jumps. */
+/** A larger playhead error is corrected at once, ms. */
 const SNAP_MS = 500;
-/** Shares by which shown time may run behind or ahead of real time while the delay changes. */
+/** Relative slowdown and speed-up while the delay changes. */
 const SLOWER = 0.2;
 const FASTER = 0.1;
-/** Frames further apart than so many intervals tell nothing about the speed at the end. */
+/** Frames further apart than this many intervals give no velocity for extrapolation. */
 const LONGEST_STEP = 3.5;
-/** A phase that goes this many times as far as time explains was set, not reached. */
+/** A phase step of this many times the expected one is a discontinuity. */
 const JUMP = 6;
 const LEAST_JUMP = 0.04;
 
-/** All characters of a side at one tick; the head is the first one's. */
+/** All characters of a figure stream at one tick; the head is that of the first. */
 export interface Frame {
   dueMs: number;
   head: RecordHead;
-  /** How many characters `poses` holds. */
+  /** Number of characters in `poses`. */
   count: number;
   poses: Float32Array;
 }
 
 export interface Sample {
   count: number;
-  /** The head of the nearer frame, with phase and times of the instant that is shown. */
+  /** Head of the nearer frame, with interpolated phase and times. */
   head: RecordHead;
-  /** How far the instant lies past the last frame that came, ms; 0 where frames are there. */
+  /** Time since the last received frame, ms; 0 while interpolating. */
   beyondMs: number;
 }
 
 interface Kept extends Frame {
-  /** Not reached from the frame before it: nothing lies between the two. */
+  /** Discontinuity: no interpolation from the previous frame. */
   cut: boolean;
 }
 
 export class JitterBuffer {
-  /** Between two frames. */
+  /** Frame interval, ms. */
   intervalMs = 1000 / 60;
-  /** Share of a second that the motion advances in a second; what is faster is a jump. */
+  /** Playback speed; faster phase steps are discontinuities. */
   speed = 1;
   private frames: Kept[] = [];
   private spare: Float32Array[] = [];
   private joints = 0;
   private lagMs = Number.NaN;
   private sampledMs = Number.NEGATIVE_INFINITY;
-  /** The last frame that was not reached, and the poses that were shown before it. */
+  /** Last discontinuity, and the poses displayed before it. */
   private entered: Kept | null = null;
   private left = new Float32Array(0);
   private latest = new Float32Array(0);
@@ -77,13 +77,13 @@ export class JitterBuffer {
     return this.frames.at(-1) ?? null;
   }
 
-  /** How much later than the earliest possible the picture should be shown. */
+  /** Display delay relative to the earliest possible instant. */
   get delayMs(): number {
     const late = this.lateness.beyondGroundMs(0.98);
     return this.intervalMs + Math.min(Number.isNaN(late) ? 0 : late, MOST_LATE_MS);
   }
 
-  /** Forget everything: another skeleton, or another server with another clock. */
+  /** Discard all frames, for another skeleton or another server clock. */
   reset(joints: number): void {
     for (const frame of this.frames) this.recycle(frame.poses);
     this.frames = [];
@@ -94,7 +94,7 @@ export class JitterBuffer {
     this.left = this.latest = new Float32Array(0);
   }
 
-  /** An array for so many characters, filled with what was there last: who sends nothing stands still. */
+  /** Pose array for a number of characters, initialised with the last poses. */
   blank(characters: number): Float32Array {
     const length = characters * poseLength(this.joints);
     const at = this.spare.findIndex((array) => array.length === length);
@@ -104,7 +104,7 @@ export class JitterBuffer {
     return array;
   }
 
-  /** Take a frame, and its array with it; one that is not newer than the last changes nothing. */
+  /** Add a frame and take ownership of its array; older frames are discarded. */
   push(frame: Frame, reached = true): boolean {
     const before = this.frames.at(-1);
     if (before && frame.dueMs <= before.dueMs) {
@@ -117,8 +117,8 @@ export class JitterBuffer {
   }
 
   /**
-   * What to show at a time of our clock, into `out`; as many characters as fit. Null before the first frame.
-   * Shown time goes forward only.
+   * Poses at a local time, written to `out`; null before the first frame.
+   * Displayed time is monotone.
    */
   sample(nowMs: number, out: Float32Array): Sample | null {
     if (this.frames.length === 0) return null;
@@ -132,7 +132,7 @@ export class JitterBuffer {
     let at = this.frames.length;
     while (at > 0 && (this.frames[at - 1] as Kept).dueMs > shownMs) at--;
     for (const frame of this.frames.slice(0, at)) if (frame.cut && frame !== this.entered) this.enter(frame);
-    for (; at > 2; at--) this.recycle((this.frames.shift() as Kept).poses); // two before it tell the speed at the end
+    for (; at > 2; at--) this.recycle((this.frames.shift() as Kept).poses); // two earlier frames give the end velocity
     if (at === 0) return this.at(this.frames[0] as Kept, this.frames[0] as Kept, 0, 0, out);
     const a = this.frames[at - 1] as Kept;
     const b = this.frames[at];
@@ -141,7 +141,7 @@ export class JitterBuffer {
     return this.past(a, shownMs - a.dueMs, out);
   }
 
-  /** The instant to show, on the server's clock. */
+  /** Displayed instant on the server's clock. */
   private playhead(nowMs: number): number {
     const target = this.lateness.groundMs + this.delayMs;
     if (Number.isNaN(target)) return (this.frames[0] as Kept).dueMs;
@@ -152,7 +152,7 @@ export class JitterBuffer {
     return this.sampledMs - this.lagMs;
   }
 
-  /** The motion goes on past its last frame as it went, for a moment. */
+  /** Extrapolate past the last frame for a short time. */
   private past(last: Kept, beyondMs: number, out: Float32Array): Sample {
     const before = this.frames.at(-2);
     const stepMs = before ? last.dueMs - before.dueMs : Number.POSITIVE_INFINITY;
@@ -161,7 +161,7 @@ export class JitterBuffer {
     return this.at(before, last, 1 + Math.min(beyondMs, EXTRAPOLATE_MS) / stepMs, beyondMs, out);
   }
 
-  /** Between two frames; past the second where the share is above 1. */
+  /** Interpolate between two frames, or extrapolate if `share` exceeds 1. */
   private at(a: Kept, b: Kept, share: number, beyondMs: number, out: Float32Array): Sample {
     const stride = poseLength(this.joints);
     const near = share < 0.5 ? a : b;
@@ -178,7 +178,7 @@ export class JitterBuffer {
     [this.left, this.latest] = [this.latest, this.left];
   }
 
-  /** Pass from what was shown before a cut; whether that is still under way. */
+  /** Cross-fade after a discontinuity; returns whether it is still running. */
   private fade(shownMs: number, length: number, out: Float32Array): boolean {
     const share = this.entered ? (shownMs - this.entered.dueMs) / FADE_MS : 1;
     const under = share < 1;
@@ -192,10 +192,10 @@ export class JitterBuffer {
     const stride = poseLength(this.joints);
     const eased = share * share * (3 - 2 * share);
     for (let start = 0; start < length; start += stride) {
-      const there = out.slice(start, start + 3);
+      const target = out.slice(start, start + 3);
       this.blend(this.left, out, start, start + stride, eased, out);
-      const far = Math.hypot(...there.map((value, k) => value - (this.left[start + k] as number)));
-      if (far > FARTHEST) out.set(there, start);
+      const far = Math.hypot(...target.map((value, k) => value - (this.left[start + k] as number)));
+      if (far > FARTHEST) out.set(target, start);
     }
   }
 
@@ -217,11 +217,11 @@ export class JitterBuffer {
 
   private recycle(poses: Float32Array): void {
     if (this.spare.length < 4) this.spare.push(poses);
-    else this.spare[0] = poses; // sizes change with the crowd; the oldest goes
+    else this.spare[0] = poses; // array sizes change with the crowd
   }
 }
 
-/** A difference of phases, the shorter way round. */
+/** Phase difference modulo 1, in −0.5 to 0.5. */
 function turned(difference: number): number {
   return difference - Math.round(difference);
 }

@@ -1,11 +1,11 @@
-/** One channel: what the server was told of it, and what it must be told next to become what is wished. */
+/** One channel: sent state and the messages that bring it to its target. */
 
 import type { Opened } from "../types";
 import { writeAdverbs } from "./decode";
 import type { Motion } from "./worker_messages";
 
-/** Ways of playing that are told apart from the rest, since they change without opening anew. */
-type Told = Partial<Pick<Motion, "fps" | "playing" | "speed" | "loop">> & {
+/** Playback settings, which can change without reopening the channel. */
+type SentState = Partial<Pick<Motion, "fps" | "playing" | "speed" | "loop">> & {
   serial: number;
   adverbs: readonly number[];
 };
@@ -14,98 +14,98 @@ export type Outgoing = string | ArrayBuffer;
 
 export class Channel {
   opened: Opened | null = null;
-  /** Where it was in the last record. */
+  /** Phase in the last record. */
   phase = Number.NaN;
-  /** Not asked for again before this time; after a refusal not before something else is wished. */
-  private notBeforeMs = 0;
-  /** Calls of `open` that are not answered yet; only the answer to the last one counts. */
+  /** No new `open` before this time; infinite after a refusal until the target changes. */
+  private retryAtMs = 0;
+  /** Unanswered `open` messages; only the last answer counts. */
   private waiting = 0;
   private identity = "";
-  private told: Told | null = null;
+  private sent: SentState | null = null;
 
   constructor(readonly number: number) {}
 
-  /** Whether the server has it, as far as this page knows. */
-  get there(): boolean {
-    return this.told !== null;
+  /** Whether the server has the channel, as far as known. */
+  get isOpen(): boolean {
+    return this.sent !== null;
   }
 
-  /** Whether it is open, and its records come. */
+  /** Whether it is open and its records arrive. */
   get settled(): boolean {
-    return this.there && !this.pending && !Number.isNaN(this.phase);
+    return this.isOpen && !this.pending && !Number.isNaN(this.phase);
   }
 
   get pending(): boolean {
     return this.waiting > 0;
   }
 
-  /** The messages that bring it to what is wished; none where it is there, or waits for an answer. */
-  next(wish: Motion, adverbs: readonly number[], phase: number, nowMs: number): Outgoing[] {
-    if (this.pending || (nowMs < this.notBeforeMs && this.identity === identityOf(wish))) return [];
-    if (this.told === null) return [this.open(wish, adverbs, phase)];
-    if (this.identity !== identityOf(wish)) return [this.close(), this.open(wish, adverbs, phase)];
-    return this.changes(this.told, wish, adverbs);
+  /** Messages toward the target; none if up to date or waiting for an answer. */
+  next(target: Motion, adverbs: readonly number[], phase: number, nowMs: number): Outgoing[] {
+    if (this.pending || (nowMs < this.retryAtMs && this.identity === identityOf(target))) return [];
+    if (this.sent === null) return [this.open(target, adverbs, phase)];
+    if (this.identity !== identityOf(target)) return [this.close(), this.open(target, adverbs, phase)];
+    return this.changes(this.sent, target, adverbs);
   }
 
   close(): Outgoing {
-    this.told = null;
+    this.sent = null;
     return JSON.stringify({ op: "close", channel: this.number });
   }
 
-  /** Take the answer to `open` or to a resume; whether it is about what is wished, and not about an earlier wish. */
-  answered(opened: Opened): boolean {
+  /** Handle `opened`; returns whether it answers the current target. */
+  acceptOpened(opened: Opened): boolean {
     if (!opened.resumed) this.waiting = Math.max(0, this.waiting - 1);
-    if (this.waiting > 0 || !this.told) return false;
+    if (this.waiting > 0 || !this.sent) return false;
     this.opened = opened;
-    // Taken up again: the last messages before the connection broke may have been lost.
-    if (opened.resumed) this.told = { serial: this.told.serial, adverbs: [] };
+    // After a resume, messages sent before the disconnect may be lost.
+    if (opened.resumed) this.sent = { serial: this.sent.serial, adverbs: [] };
     return true;
   }
 
-  /** The server refused to open it; ask again at a time, or where that is infinite, for something else only. */
+  /** Handle a refused `open`; retry at a time, or if infinite only for another target. */
   refused(againMs: number): void {
     if (this.waiting === 0 || --this.waiting > 0) return;
-    this.told = null;
-    this.notBeforeMs = againMs;
+    this.sent = null;
+    this.retryAtMs = againMs;
   }
 
-  /** The server does not have it any more. */
-  forgotten(): void {
-    this.told = null;
+  /** The server no longer has the channel. */
+  forget(): void {
+    this.sent = null;
     this.waiting = 0;
   }
 
-  private open(wish: Motion, adverbs: readonly number[], phase: number): Outgoing {
-    this.told = { ...playing(wish), serial: wish.seek.serial, adverbs };
-    this.identity = identityOf(wish);
+  private open(target: Motion, adverbs: readonly number[], phase: number): Outgoing {
+    this.sent = { ...playing(target), serial: target.seek.serial, adverbs };
+    this.identity = identityOf(target);
     this.waiting++;
-    this.notBeforeMs = 0;
+    this.retryAtMs = 0;
     return JSON.stringify({
       op: "open",
       channel: this.number,
-      verb: wish.verb,
-      ...(adverbs.length > 0 && { adverbs: byName(wish.names, adverbs) }), // else the server chooses
-      fps: wish.fps,
-      ...(wish.method && { method: wish.method }),
-      encoding: wish.encoding,
+      verb: target.verb,
+      ...(adverbs.length > 0 && { adverbs: adverbsByName(target.names, adverbs) }), // else the server chooses
+      fps: target.fps,
+      ...(target.method && { method: target.method }),
+      encoding: target.encoding,
       phase,
-      speed: wish.speed,
-      play: wish.playing,
-      loop: wish.loop,
+      speed: target.speed,
+      play: target.playing,
+      loop: target.loop,
     });
   }
 
-  private changes(told: Told, wish: Motion, adverbs: readonly number[]): Outgoing[] {
+  private changes(sent: SentState, target: Motion, adverbs: readonly number[]): Outgoing[] {
     const set: Record<string, unknown> = {};
-    if (told.fps !== wish.fps) set.fps = wish.fps;
-    if (told.speed !== wish.speed) set.speed = wish.speed;
-    if (told.playing !== wish.playing) set.play = wish.playing;
-    if (told.loop !== wish.loop) set.loop = wish.loop;
-    if (told.serial !== wish.seek.serial) set.phase = wish.seek.phase;
+    if (sent.fps !== target.fps) set.fps = target.fps;
+    if (sent.speed !== target.speed) set.speed = target.speed;
+    if (sent.playing !== target.playing) set.play = target.playing;
+    if (sent.loop !== target.loop) set.loop = target.loop;
+    if (sent.serial !== target.seek.serial) set.phase = target.seek.phase;
     const moved =
       adverbs.length > 0 &&
-      (adverbs.length !== told.adverbs.length || adverbs.some((value, k) => value !== told.adverbs[k]));
-    this.told = { ...playing(wish), serial: wish.seek.serial, adverbs };
+      (adverbs.length !== sent.adverbs.length || adverbs.some((value, k) => value !== sent.adverbs[k]));
+    this.sent = { ...playing(target), serial: target.seek.serial, adverbs };
     const out: Outgoing[] = [];
     if (moved) out.push(writeAdverbs(this.number, adverbs));
     if (Object.keys(set).length > 0) out.push(JSON.stringify({ op: "set", channel: this.number, ...set }));
@@ -117,11 +117,11 @@ function playing({ fps, playing, speed, loop }: Motion) {
   return { fps, playing, speed, loop };
 }
 
-/** What cannot be changed without opening anew: `switch` would put the figure elsewhere than its goal. */
-function identityOf(wish: Motion): string {
-  return [wish.verb, wish.method, wish.encoding].join("\n");
+/** Settings that require reopening: `switch` would not keep the figure at its goal. */
+function identityOf(target: Motion): string {
+  return [target.verb, target.method, target.encoding].join("\n");
 }
 
-function byName(names: readonly string[], values: readonly number[]): Record<string, number> {
+function adverbsByName(names: readonly string[], values: readonly number[]): Record<string, number> {
   return Object.fromEntries(names.map((name, k) => [name, values[k] ?? 0]));
 }

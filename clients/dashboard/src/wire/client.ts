@@ -1,11 +1,11 @@
-/** The page's end of the stream: says what is wanted, asks for one picture at a time. */
+/** The page's interface to the stream worker; at most one picture is in flight. */
 
-import type { Side } from "../types";
-import type { Drawn, FromWorker, ToWorker, Wish } from "./worker_messages";
+import type { Role } from "../types";
+import type { Drawn, FromWorker, StreamTarget, ToWorker } from "./worker_messages";
 
-export type Heard = Exclude<FromWorker, { kind: "pictures" }>;
+export type StreamEvent = Exclude<FromWorker, { kind: "pictures" }>;
 
-/** What a stream is carried by: a worker, or in tests something that takes and gives the same messages. */
+/** Message port of the worker; replaced in tests. */
 export interface Port {
   postMessage(message: ToWorker, transfer: Transferable[]): void;
   onmessage: ((event: MessageEvent<FromWorker>) => void) | null;
@@ -18,8 +18,8 @@ export class StreamClient {
 
   constructor(
     private readonly port: Port,
-    private readonly heard: (message: Heard) => void,
-    private readonly picture: (pictures: Record<Side, Drawn | null>) => void,
+    private readonly onEvent: (message: StreamEvent) => void,
+    private readonly onPictures: (pictures: Record<Role, Drawn | null>) => void,
   ) {
     port.onmessage = ({ data }) => this.take(data);
   }
@@ -28,11 +28,11 @@ export class StreamClient {
     this.port.postMessage({ kind: "start", address }, []);
   }
 
-  want(wish: Wish): void {
-    this.port.postMessage({ kind: "want", wish }, []);
+  setTarget(target: StreamTarget): void {
+    this.port.postMessage({ kind: "setTarget", target }, []);
   }
 
-  /** Ask for the picture of an animation frame; while one is on its way, others are left out. */
+  /** Request a picture for an animation frame unless one is in flight. */
   draw(frameMs: number): void {
     if (this.waiting) return;
     this.waiting = true;
@@ -49,15 +49,15 @@ export class StreamClient {
   }
 
   private take(message: FromWorker): void {
-    if (message.kind !== "pictures") return this.heard(message);
+    if (message.kind !== "pictures") return this.onEvent(message);
     this.waiting = false;
-    this.picture(message.pictures);
-    // Shown and done with: the worker fills them again.
-    for (const drawn of [message.pictures.main, message.pictures.other]) if (drawn) this.spare.push(drawn.poses);
+    this.onPictures(message.pictures);
+    // the worker refills the arrays
+    for (const drawn of [message.pictures.main, message.pictures.comparison]) if (drawn) this.spare.push(drawn.poses);
   }
 }
 
-/** The worker of this page. */
+/** Start the stream worker. */
 export function openWorker(): Port {
   return new Worker(new URL("./stream.worker.ts", import.meta.url), { type: "module", name: "stream" });
 }

@@ -2,7 +2,7 @@ import fc from "fast-check";
 import { expect, test } from "vitest";
 import { Clock, Lateness } from "./clock";
 
-test("the offset is known to half the least round trip, however pings are delayed", () => {
+test("the offset error is at most half the least round trip", () => {
   const delay = fc.double({ min: 0, max: 400, noNaN: true });
   fc.assert(
     fc.property(fc.array(fc.tuple(delay, delay), { minLength: 1, maxLength: 50 }), (pings) => {
@@ -19,7 +19,7 @@ test("the offset is known to half the least round trip, however pings are delaye
   );
 });
 
-test("old pings are forgotten, and impossible ones not taken", () => {
+test("old and impossible pings are discarded", () => {
   const clock = new Clock(1000);
   expect(clock.offsetMs).toBeNaN();
   clock.add(10, 5, 0);
@@ -29,7 +29,7 @@ test("old pings are forgotten, and impossible ones not taken", () => {
   expect([clock.roundTripMs, clock.offsetMs]).toEqual([10, 200]);
 });
 
-test("lateness is measured from the earliest message, over a window", () => {
+test("lateness is relative to the fastest message of a window", () => {
   const lateness = new Lateness(100);
   expect(lateness.groundMs).toBeNaN();
   for (let k = 0; k < 1000; k++) lateness.add(16 * k + 50 + (k % 10 === 0 ? 30 : 0), 16 * k);

@@ -1,8 +1,8 @@
-/** Two clocks: how far the server's is from ours, and how late what it sends comes. All times in ms. */
+/** Clock offset and message lateness. All times in ms. */
 
 /**
- * The server's clock by pings. A ping that takes r tells the offset to within r/2, whichever way the time was lost; so
- * the quickest of the last minute is believed, and the others are not averaged in.
+ * Offset of the server's clock by pings. A ping with round trip r gives the offset to within r/2, so the fastest
+ * ping of the last minute is used without averaging.
  */
 export class Clock {
   private pings: { at: number; roundTrip: number; offset: number }[] = [];
@@ -15,12 +15,12 @@ export class Clock {
     this.pings = this.pings.filter((ping) => ping.at >= arrivedMs - this.windowMs).slice(-256);
   }
 
-  /** Another server has another clock. */
+  /** Discard the pings of another server. */
   clear(): void {
     this.pings = [];
   }
 
-  /** What to add to a time of ours to have the server's; NaN before the first ping. */
+  /** Offset from local to server time; NaN before the first ping. */
   get offsetMs(): number {
     return this.best?.offset ?? Number.NaN;
   }
@@ -38,8 +38,8 @@ export class Clock {
 }
 
 /**
- * How late messages come, against the earliest of them: a message's transit is when it came minus when it was due, on
- * two clocks whose difference nobody needs to know; the least transit is the ground.
+ * Lateness of messages relative to the fastest one. Transit is arrival minus due time on two clocks; their
+ * difference cancels out. The least transit is the ground.
  */
 export class Lateness {
   private readonly transits: Float64Array;
@@ -60,17 +60,17 @@ export class Lateness {
     this.sorted = null;
   }
 
-  /** The least transit; NaN before the first message. */
+  /** Least transit; NaN before the first message. */
   get groundMs(): number {
     return this.transit(0);
   }
 
-  /** What all but a share of the messages keep to, past the ground. */
+  /** Quantile of the transit above the ground. */
   beyondGroundMs(quantile: number): number {
     return this.transit(quantile) - this.transit(0);
   }
 
-  /** A quantile of the transits, nearest rank from above. */
+  /** Quantile of the transits, nearest rank from above. */
   transit(quantile: number): number {
     const length = Math.min(this.count, this.transits.length);
     if (length === 0) return Number.NaN;

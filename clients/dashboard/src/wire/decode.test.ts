@@ -18,7 +18,7 @@ import {
 
 const GOLDEN = new URL("../../../../tests/golden/pose_message.v1", import.meta.url);
 const bytes = readFileSync(`${GOLDEN.pathname}.bin`);
-const told = JSON.parse(readFileSync(`${GOLDEN.pathname}.json`, "utf8")) as {
+const golden = JSON.parse(readFileSync(`${GOLDEN.pathname}.json`, "utf8")) as {
   sequence: number;
   time_ns: string;
   dropped: number;
@@ -39,19 +39,19 @@ const told = JSON.parse(readFileSync(`${GOLDEN.pathname}.json`, "utf8")) as {
   }[];
 };
 const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-const layouts = told.records.map((record) => layoutOf(record.encoding, record.joints ?? 0, record.bytes));
+const layouts = golden.records.map((record) => layoutOf(record.encoding, record.joints ?? 0, record.bytes));
 
-/** The angle between two rotations that are nearly one, rad; an arc cosine would drown in rounding. */
+/** Angle between two nearly equal rotations, rad; accurate where an arc cosine is not. */
 function apart(a: readonly number[], b: readonly number[]): number {
   const lengths = [1, -1].map((sign) => Math.hypot(...a.map((value, k) => value - sign * (b[k] as number))));
   return 2 * Math.min(...lengths);
 }
 
-test("the kept message reads as the text beside it says", () => {
+test("the golden message decodes to its JSON description", () => {
   const head = readMessageHead(view);
-  expect(head).toMatchObject({ sequence: told.sequence, dropped: told.dropped, records: told.records.length });
-  expect(head.timeMs).toBeCloseTo(Number(told.time_ns) / 1e6, 3);
-  told.records.forEach((record, k) => {
+  expect(head).toMatchObject({ sequence: golden.sequence, dropped: golden.dropped, records: golden.records.length });
+  expect(head.timeMs).toBeCloseTo(Number(golden.time_ns) / 1e6, 3);
+  golden.records.forEach((record, k) => {
     const layout = layouts[k] as Layout;
     const { channel, flags, version, phase, time: timeS, duration: durationS } = record;
     expect(readChannel(view, record.at)).toBe(channel);
@@ -70,7 +70,7 @@ test("the kept message reads as the text beside it says", () => {
   });
 });
 
-/** Smallest three, as docs/wire.md tells a writer to do it. */
+/** Smallest-three encoder of docs/wire.md. */
 function pack(q: readonly number[]): number[] {
   const largest = q.reduce((best, value, k) => (Math.abs(value) > Math.abs(q[best] as number) ? k : best), 0);
   const sign = (q[largest] as number) < 0 ? -1 : 1;
@@ -100,7 +100,7 @@ test("every rotation comes back from q48 within 0.00015 rad", () => {
   );
 });
 
-test("a cut message is an error wherever it is cut", () => {
+test("a message truncated at any byte is an error", () => {
   for (let length = 0; length < bytes.byteLength; length++) {
     const cut = new DataView(bytes.buffer, bytes.byteOffset, length);
     const read = () => {
@@ -116,7 +116,7 @@ test("a cut message is an error wherever it is cut", () => {
   }
 });
 
-test("what is no pose, or was not asked for, is refused by name and place", () => {
+test("invalid records are rejected with the byte offset", () => {
   const other = new DataView(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.byteLength));
   const layout = layouts[0] as Layout;
   expect(() => readRecordHead(other, 20, { ...layout, encoding: "q48" })).toThrow(/byte 22: encoding 0 where q48/);
@@ -130,7 +130,7 @@ test("what is no pose, or was not asked for, is refused by name and place", () =
   expect(() => layoutOf("f32", 22, 100)).toThrow(DecodeError);
 });
 
-test("adverbs go out as documented", () => {
+test("adverbs are encoded as documented", () => {
   const out = new DataView(writeAdverbs(513, [0.5, -2]));
   expect([out.getUint8(0), out.getUint8(1), out.getUint16(2, true)]).toEqual([0x10, 0, 513]);
   expect([out.getFloat32(4, true), out.getFloat32(8, true), out.byteLength]).toEqual([0.5, -2, 12]);

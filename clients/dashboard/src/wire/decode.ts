@@ -1,4 +1,4 @@
-/** Pose messages and records as docs/wire.md describes them: read in place, checked against their bounds. */
+/** Pose messages and records (docs/wire.md), read in place with bounds checks. */
 
 export const MESSAGE_HEAD_BYTES = 20;
 export const RECORD_HEAD_BYTES = 24;
@@ -12,7 +12,7 @@ const UNIT = 1 / (16383 * Math.SQRT2);
 
 export type Encoding = (typeof ENCODINGS)[number];
 
-/** What arrived is no message that this page can read; `at` is the byte where that shows. */
+/** Unreadable message; `at` is the offending byte. */
 export class DecodeError extends Error {
   override readonly name = "DecodeError";
   constructor(
@@ -23,7 +23,7 @@ export class DecodeError extends Error {
   }
 }
 
-/** The layout of a channel's records, as `opened` tells it. */
+/** Record layout of a channel, from `opened`. */
 export interface Layout {
   encoding: Encoding;
   joints: number;
@@ -33,7 +33,7 @@ export interface Layout {
 export interface MessageHead {
   records: number;
   sequence: number;
-  /** When the tick was due, ms since 1970 on the server's clock; exact to a quarter of a microsecond. */
+  /** Due time of the tick, ms since 1970 on the server's clock; exact to a quarter of a microsecond. */
   timeMs: number;
   dropped: number;
 }
@@ -44,12 +44,12 @@ export interface RecordHead {
   version: number;
   phase: number;
   timeS: number;
-  /** NaN where nothing is measured. */
+  /** NaN if not measured. */
   error: number;
   durationS: number;
 }
 
-/** Numbers of a pose: root x, y, z, then x, y, z, w per joint. */
+/** Numbers per pose: root x, y, z, then x, y, z, w per joint. */
 export function poseLength(joints: number): number {
   return 3 + 4 * joints;
 }
@@ -67,7 +67,7 @@ export function layoutOf(encoding: Encoding, joints: number, recordBytes: number
 export function readMessageHead(view: DataView): MessageHead {
   if (view.byteLength < MESSAGE_HEAD_BYTES)
     throw new DecodeError(view.byteLength, `a pose message has at least ${MESSAGE_HEAD_BYTES} bytes`);
-  if (view.getUint8(0) !== POSE_OP) throw new DecodeError(0, `op ${view.getUint8(0)} is no pose message`);
+  if (view.getUint8(0) !== POSE_OP) throw new DecodeError(0, `op ${view.getUint8(0)} is not a pose message`);
   if (view.getUint8(1) !== WIRE_VERSION)
     throw new DecodeError(1, `wire version ${view.getUint8(1)} is not ${WIRE_VERSION}`);
   return {
@@ -78,20 +78,20 @@ export function readMessageHead(view: DataView): MessageHead {
   };
 }
 
-/** Whose record stands at a byte: that tells its length. */
+/** Channel of the record at a byte offset; selects its layout. */
 export function readChannel(view: DataView, at: number): number {
   if (at + RECORD_HEAD_BYTES > view.byteLength)
     throw new DecodeError(view.byteLength, `a record is missing at byte ${at}`);
   return view.getUint16(at, true);
 }
 
-/** Read the head of the record at a byte, and check that all of it is there and is encoded as the layout says. */
+/** Read the record head at a byte offset, and check its size and encoding. */
 export function readRecordHead(view: DataView, at: number, layout: Layout): RecordHead {
   if (at + layout.recordBytes > view.byteLength)
     throw new DecodeError(view.byteLength, `the record at byte ${at} needs ${layout.recordBytes} bytes`);
   const encoding = ENCODINGS[view.getUint8(at + 2)];
   if (encoding !== layout.encoding)
-    throw new DecodeError(at + 2, `encoding ${view.getUint8(at + 2)} where ${layout.encoding} was asked for`);
+    throw new DecodeError(at + 2, `encoding ${view.getUint8(at + 2)} where ${layout.encoding} was requested`);
   const head = {
     channel: view.getUint16(at, true),
     flags: view.getUint8(at + 3),
@@ -105,20 +105,20 @@ export function readRecordHead(view: DataView, at: number, layout: Layout): Reco
   return head;
 }
 
-/** The pose of the record at a byte, whose head was read, into `out` from `offset` on. */
+/** Read the pose of the record at a byte offset into `out` at `offset`. */
 export function readPose(view: DataView, at: number, layout: Layout, out: Float32Array, offset: number): void {
   const start = at + RECORD_HEAD_BYTES;
   const length = poseLength(layout.joints);
   if (offset < 0 || offset + length > out.length)
     throw new DecodeError(at, `a pose of ${length} numbers does not fit at ${offset} of ${out.length}`);
-  if (layout.encoding === "weights") throw new DecodeError(at + 2, "weights are no pose");
+  if (layout.encoding === "weights") throw new DecodeError(at + 2, "weights are not a pose");
   const plain = layout.encoding === "f32" ? length : 3;
   for (let k = 0; k < plain; k++) out[offset + k] = view.getFloat32(start + 4 * k, true);
   if (layout.encoding === "q48")
     for (let j = 0; j < layout.joints; j++) readSmallestThree(view, start + 12 + 6 * j, out, offset + 3 + 4 * j);
 }
 
-/** One rotation of which the largest component was left out. */
+/** Smallest-three encoding: the largest component is omitted. */
 function readSmallestThree(view: DataView, at: number, out: Float32Array, offset: number): void {
   const a = view.getUint16(at, true);
   const b = view.getUint16(at + 2, true);
@@ -134,7 +134,7 @@ function readSmallestThree(view: DataView, at: number, out: Float32Array, offset
   out[offset + 3] = missing === 3 ? left : r;
 }
 
-/** The binary message that sets a channel's adverbs, in the order of the verb's. */
+/** Binary message that sets a channel's adverbs, in the verb's order. */
 export function writeAdverbs(channel: number, adverbs: readonly number[]): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(4 + 4 * adverbs.length));
   view.setUint8(0, ADVERBS_OP);

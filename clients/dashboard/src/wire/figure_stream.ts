@@ -1,4 +1,4 @@
-/** One side of the picture: its channels, and the buffer from which it is drawn. */
+/** Stream of one figure: its channels and its jitter buffer. */
 
 import type { Opened } from "../types";
 import { JitterBuffer } from "./buffer";
@@ -7,18 +7,18 @@ import type { Lateness } from "./clock";
 import { DecodeError, FLAGS, type Layout, poseLength, type RecordHead, readPose } from "./decode";
 import type { Drawn } from "./worker_messages";
 
-export class Side {
+export class FigureStream {
   readonly buffer: JitterBuffer;
-  /** By slot: the first is the one that is steered. */
+  /** By slot; the first is the steered character. */
   readonly channels: Channel[] = [];
   private skeleton = "";
   private joints = 0;
-  /** Slots of which records have come on this skeleton, without a hole. */
+  /** Number of leading slots with records on this skeleton. */
   private seen = 0;
   private poses: Float32Array | null = null;
   private head: RecordHead | null = null;
-  /** Characters that are wished. */
-  wanted = 0;
+  /** Target number of characters. */
+  targetCount = 0;
   private reached = true;
 
   constructor(
@@ -28,21 +28,21 @@ export class Side {
     this.buffer = new JitterBuffer(lateness);
   }
 
-  /** The channel of a number, if it is one of this side's. */
+  /** The channel with a number, if it belongs to this figure. */
   find(number: number): Channel | undefined {
     return this.channels[number - this.first];
   }
 
-  /** So many characters are wished; channels that are not are kept, until the server has heard it. */
-  want(characters: number): void {
+  /** Set the number of characters; surplus channels remain until they are closed. */
+  setTarget(characters: number): void {
     while (this.channels.length < characters) this.channels.push(new Channel(this.first + this.channels.length));
-    this.wanted = characters;
+    this.targetCount = characters;
     this.seen = Math.min(this.seen, characters);
   }
 
-  /** A channel was opened; whether it is the steered one, as it is wished now. */
+  /** Handle `opened`; returns whether it is the steered channel in its current target. */
   opened(channel: Channel, opened: Opened): boolean {
-    if (!channel.answered(opened) || channel.number !== this.first) return false;
+    if (!channel.acceptOpened(opened) || channel.number !== this.first) return false;
     const skeleton = keyOf(opened);
     if (skeleton !== this.skeleton) {
       this.joints = opened.joints.length;
@@ -54,13 +54,13 @@ export class Side {
     return true;
   }
 
-  /** Take the record at a byte, whose head was read. */
+  /** Read the record at a byte offset, whose head was read. */
   take(view: DataView, at: number, channel: Channel, layout: Layout, head: RecordHead): void {
     channel.phase = head.phase;
     const slot = channel.number - this.first;
     if (!channel.opened || slot > this.seen || keyOf(channel.opened) !== this.skeleton) return;
     if (layout.joints !== this.joints) throw new DecodeError(at, "a record on another skeleton");
-    this.poses ??= this.buffer.blank(this.wanted);
+    this.poses ??= this.buffer.blank(this.targetCount);
     const offset = slot * poseLength(this.joints);
     if (offset >= this.poses.length) return;
     readPose(view, at, layout, this.poses, offset);
@@ -68,19 +68,19 @@ export class Side {
     if (slot === 0) this.head = head;
   }
 
-  /** All records of a message were taken. */
+  /** All records of a message were read. */
   commit(dueMs: number): void {
     const { poses, head } = this;
     const before = this.buffer.last;
     this.poses = this.head = null;
     if (!poses || !(head ?? before)) return;
-    const count = Math.min(this.seen, this.wanted);
+    const count = Math.min(this.seen, this.targetCount);
     this.buffer.push({ dueMs, head: (head ?? before?.head) as RecordHead, count, poses }, this.reached);
     if (head) this.reached = true;
   }
 
   draw(atMs: number, spare: Float32Array[]): Drawn | null {
-    const most = Math.min(this.seen, this.wanted) * poseLength(this.joints);
+    const most = Math.min(this.seen, this.targetCount) * poseLength(this.joints);
     const opened = this.channels[0]?.opened;
     if (!opened || most === 0) return null;
     const at = spare.findIndex((array) => array.length === most);
@@ -106,7 +106,7 @@ export class Side {
     };
   }
 
-  /** Another server, or nothing to be shown: start anew. */
+  /** Discard everything, for another server or an empty figure. */
   reset(): void {
     this.buffer.reset(this.joints);
     this.skeleton = "";
@@ -115,7 +115,7 @@ export class Side {
   }
 }
 
-/** Two openings with one key move the same joints. */
+/** Equal keys mean equal joints. */
 function keyOf(opened: Opened): string {
   return `${opened.joints.join("\n")}\n${opened.skeleton.parents.join()}`;
 }

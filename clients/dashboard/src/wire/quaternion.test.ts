@@ -11,7 +11,7 @@ const rotation = fc
 const place = fc.tuple(part, part, part).map((v) => new Vector3(...v));
 const share = fc.double({ min: 0, max: 1, noNaN: true });
 
-test("products and turned vectors are those of three.js", () => {
+test("products and rotated vectors equal those of three.js", () => {
   fc.assert(
     fc.property(rotation, rotation, place, (a, b, v) => {
       const out = new Float64Array(8);
@@ -23,22 +23,22 @@ test("products and turned vectors are those of three.js", () => {
   );
 });
 
-test("slerp goes the shorter way at constant speed", () => {
+test("slerp follows the shorter arc at constant speed", () => {
   fc.assert(
     fc.property(rotation, rotation, share, (a, b, t) => {
       const out = [0, 0, 0, 0];
       slerp(out, 0, a.toArray(), 0, b.toArray(), 0, t);
       const angle = a.angleTo(b);
       fc.pre(angle < Math.PI - 1e-3);
-      const there = new Quaternion().fromArray(out);
-      expect(there.length()).toBeCloseTo(1, 9);
-      expect(a.angleTo(there)).toBeCloseTo(t * angle, 4);
-      expect(there.angleTo(b)).toBeCloseTo((1 - t) * angle, 4);
+      const result = new Quaternion().fromArray(out);
+      expect(result.length()).toBeCloseTo(1, 9);
+      expect(a.angleTo(result)).toBeCloseTo(t * angle, 4);
+      expect(result.angleTo(b)).toBeCloseTo((1 - t) * angle, 4);
     }),
   );
 });
 
-test("slerp past the end goes on as it went", () => {
+test("slerp extrapolates beyond the end", () => {
   const a = new Quaternion();
   const b = new Quaternion().setFromAxisAngle(new Vector3(0, 1, 0), 0.2);
   const out = [0, 0, 0, 0];
@@ -46,7 +46,7 @@ test("slerp past the end goes on as it went", () => {
   expect(new Quaternion().fromArray(out).angleTo(a)).toBeCloseTo(0.3, 6);
 });
 
-test("a heading is the turn about up, whatever else is in a rotation", () => {
+test("the heading is the rotation about +Y, independent of pitch", () => {
   for (const turn of [-3, -1, 0, 0.5, 2.9])
     for (const pitch of [-0.7, 0, 0.7]) {
       const q = new Quaternion().setFromEuler(new Euler(pitch, turn, 0, "YXZ"));

@@ -1,8 +1,8 @@
-/** Unit quaternions x, y, z, w inside flat arrays: every function reads and writes at offsets, and allocates nothing. */
+/** Unit quaternions x, y, z, w inside flat arrays: functions read and write at offsets without allocation. */
 
 export type Numbers = Float32Array | Float64Array | number[];
 
-/** Two rotations that differ by less than this cosine are blended along the chord: the arc is no longer to be told. */
+/** Cosine above which slerp uses linear interpolation. */
 const NEARLY_ONE = 0.9995;
 
 /** out = a ∘ b: first b, then a. */
@@ -15,7 +15,7 @@ export function multiply(out: Numbers, o: number, a: Readonly<Numbers>, i: numbe
   out[o + 3] = aw * bw - ax * bx - ay * by - az * bz;
 }
 
-/** out = the vector v, turned by q. */
+/** out = the vector v rotated by q. */
 export function rotate(out: Numbers, o: number, q: Readonly<Numbers>, i: number, v: Readonly<Numbers>, j: number) {
   const [x, y, z, w] = [q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number];
   const [vx, vy, vz] = [v[j] as number, v[j + 1] as number, v[j + 2] as number];
@@ -25,7 +25,7 @@ export function rotate(out: Numbers, o: number, q: Readonly<Numbers>, i: number,
   out[o + 2] = vz + w * tz + x * ty - y * tx;
 }
 
-/** Scale to length 1; what has no direction becomes no rotation. */
+/** Normalise in place; a zero quaternion becomes the identity. */
 export function normalize(q: Numbers, i: number) {
   const length = Math.hypot(q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number);
   if (!(length > 0)) {
@@ -37,7 +37,7 @@ export function normalize(q: Numbers, i: number) {
 }
 
 /**
- * out = the rotation at `share` of the shorter way from a to b, at constant speed. A share above 1 goes on past b.
+ * Spherical interpolation at `share` from a to b along the shorter arc; a share above 1 extrapolates.
  * The arrays may be the same.
  */
 export function slerp(
@@ -69,7 +69,7 @@ export function slerp(
   normalize(out, o);
 }
 
-/** The turn about +Y that is in a rotation: where it takes the forward axis +Z, seen from above; rad. */
+/** Heading of a rotation about +Y, rad: angle of its forward axis from +Z toward +X. */
 export function heading(q: Readonly<Numbers>, i: number): number {
   const [x, y, z, w] = [q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number];
   return Math.atan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y));

@@ -2,7 +2,7 @@ import { Euler, Quaternion, Vector3 } from "three";
 import { expect, test } from "vitest";
 import { DecodeError, poseLength } from "./decode";
 import { heading } from "./quaternion";
-import { standAs, Track } from "./sequence";
+import { alignRoot, Sequence } from "./sequence";
 
 /** Frames of one joint, as the sequence route sends them. */
 function records(phases: readonly number[]): ArrayBuffer {
@@ -17,8 +17,8 @@ function records(phases: readonly number[]): ArrayBuffer {
   return view.buffer;
 }
 
-test("a track is shown at any phase, between its frames and held at its ends", () => {
-  const track = new Track(records([0, 0.5, 1]), 1);
+test("a sequence is interpolated between frames and clamped at its ends", () => {
+  const track = new Sequence(records([0, 0.5, 1]), 1);
   const out = new Float32Array(poseLength(1));
   expect(track.version).toBe(9);
   for (const [phase, shown] of [
@@ -37,16 +37,16 @@ test("a track is shown at any phase, between its frames and held at its ends", (
   }
 });
 
-test("what is no whole motion is refused", () => {
+test("an incomplete sequence is rejected", () => {
   for (const content of [new ArrayBuffer(0), records([0, 1]).slice(0, 60)])
-    expect(() => new Track(content, 1)).toThrow(DecodeError);
+    expect(() => new Sequence(content, 1)).toThrow(DecodeError);
 });
 
-test("a figure put beside another stands where that one stands, faces as it does, and keeps its height and tilt", () => {
+test("alignRoot copies ground position and heading, and keeps height and tilt", () => {
   const pose = (x: number, y: number, z: number, turn: number, tilt: number) =>
     new Float32Array([x, y, z, ...new Quaternion().setFromEuler(new Euler(tilt, turn, 0, "YXZ")).toArray()]);
   const mine = pose(1, 0.9, 2, 0.3, 0.2);
-  standAs(mine, pose(-4, 1, 7, 2, -0.1));
+  alignRoot(mine, pose(-4, 1, 7, 2, -0.1));
   expect([...mine.subarray(0, 3)]).toEqual([-4, new Float32Array([0.9])[0], 7]);
   expect(heading(mine, 3)).toBeCloseTo(2, 5);
   const up = new Vector3(0, 1, 0).applyQuaternion(new Quaternion().fromArray(mine, 3));

@@ -1,14 +1,14 @@
-/** A whole motion that was fetched, shown at any phase: what another version of a verb does at the same goal. */
+/** A fetched sequence that can be sampled at any phase. */
 
 import { DecodeError, layoutOf, poseLength, type RecordHead, readPose, readRecordHead } from "./decode";
 import { heading, multiply, slerp } from "./quaternion";
 
-export class Track {
+export class Sequence {
   readonly version: number;
   private readonly heads: RecordHead[] = [];
   private readonly poses: Float32Array;
 
-  /** From the binary answer of `POST …/sequence`; throws `DecodeError`. */
+  /** From the binary response of `POST …/sequence`; throws `DecodeError`. */
   constructor(
     content: ArrayBuffer,
     private readonly joints: number,
@@ -17,7 +17,7 @@ export class Track {
     const view = new DataView(content);
     const count = content.byteLength / layout.recordBytes;
     if (!Number.isInteger(count) || count < 1)
-      throw new DecodeError(content.byteLength, `no whole number of records of ${layout.recordBytes} bytes`);
+      throw new DecodeError(content.byteLength, `not a whole number of records of ${layout.recordBytes} bytes`);
     this.poses = new Float32Array(count * poseLength(joints));
     for (let k = 0; k < count; k++) {
       this.heads.push(readRecordHead(view, k * layout.recordBytes, layout));
@@ -30,7 +30,7 @@ export class Track {
     return this.heads[0] as RecordHead;
   }
 
-  /** The pose at a phase into `out`, and its head. */
+  /** Write the pose at a phase to `out`; returns its head. */
   at(phase: number, out: Float32Array): RecordHead {
     const stride = poseLength(this.joints);
     let k = this.heads.findIndex((head) => head.phase > phase);
@@ -45,8 +45,8 @@ export class Track {
   }
 }
 
-/** Put a figure where another stands and let it face the same way: a loop walks on, a fetched cycle starts over. */
-export function standAs(pose: Float32Array, other: Float32Array): void {
+/** Move a pose to the position and heading of another, since a fetched cycle does not travel on. */
+export function alignRoot(pose: Float32Array, other: Float32Array): void {
   const angle = heading(other, 3) - heading(pose, 3);
   const turn = [0, Math.sin(angle / 2), 0, Math.cos(angle / 2)];
   multiply(pose, 3, turn, 0, pose, 3);

@@ -1,4 +1,4 @@
-/** Text messages of the server: JSON objects with `op`. */
+/** JSON text messages of the server, with `op`. */
 
 import type { components } from "../generated/schema";
 import { DecodeError } from "./decode";
@@ -7,7 +7,7 @@ export type ServerMessage = components["schemas"]["ServerMessage"];
 
 type Kind = "number" | "string" | "object" | "boolean";
 
-/** What this page relies on; further fields and further ops are left alone. */
+/** Fields used by the page; other fields and ops are ignored. */
 const FIELDS: Record<string, Record<string, Kind>> = {
   hello: { session: "string", max_channels: "number" },
   opened: { channel: "number", verb: "string", joints: "object", skeleton: "object", record_bytes: "number" },
@@ -30,7 +30,7 @@ export function readText(content: string): ServerMessage {
     throw new DecodeError(0, "a text message has no op");
   for (const [name, kind] of Object.entries(FIELDS[message.op] ?? {})) {
     const value = (message as Record<string, unknown>)[name];
-    if (typeof value !== kind || value === null) throw new DecodeError(0, `${message.op}: '${name}' is no ${kind}`);
+    if (typeof value !== kind || value === null) throw new DecodeError(0, `${message.op}: '${name}' is not a ${kind}`);
   }
   return message as ServerMessage;
 }

@@ -2,21 +2,21 @@ import { beforeEach, expect, test } from "vitest";
 import type { Opened } from "../types";
 import { writeAdverbs } from "./decode";
 import { Session } from "./session";
-import type { FromWorker, Motion, Wish } from "./worker_messages";
+import type { FromWorker, Motion, StreamTarget } from "./worker_messages";
 
 const MOTION: Motion = {
   ...{ verb: "reach", method: "", names: ["x", "y"], fps: 60, encoding: "f32" },
   ...{ playing: true, speed: 1, loop: true, seek: { serial: 0, phase: 0.25 } },
 };
 
-/** The far end, as docs/wire.md describes it, with one clock: each message takes no time. */
+/** Server with the protocol of docs/wire.md and zero latency. */
 class Server {
-  readonly heard: Record<string, unknown>[] = [];
-  readonly aims: ArrayBuffer[] = [];
+  readonly received: Record<string, unknown>[] = [];
+  readonly adverbMessages: ArrayBuffer[] = [];
   readonly open = new Map<number, Opened>();
   joints = ["Hips", "Spine"];
   silent = false;
-  /** How far the other side is ahead. */
+  /** Phase lead of the comparison. */
   drift = 0;
   now = 1000;
   private sequence = 0;
@@ -25,52 +25,58 @@ class Server {
 
   connect(name: string): void {
     this.session.attach((message) => this.take(message));
-    this.say({ op: "hello", session: name, max_channels: 1024, grace_s: 10, server_time_ns: 1e15 });
+    this.send({ op: "hello", session: name, max_channels: 1024, grace_s: 10, server_time_ns: 1e15 });
   }
 
-  say(message: object): void {
+  send(message: object): void {
     this.session.receive(JSON.stringify(message), this.now);
   }
 
-  /** Let a tick pass: a message with all channels, at a phase. */
+  /** Send one tick with all channels at a phase. */
   tick(phase: number, step = 1): void {
     this.now += 1000 / 60;
     this.sequence += step;
     this.session.receive(this.message(phase), this.now);
   }
 
-  /** Turns until nothing more is said. */
+  /** Step until no more messages are sent. */
   settle(): void {
-    for (let before = -1; before !== this.heard.length + this.aims.length; ) {
-      before = this.heard.length + this.aims.length;
-      this.session.turn(this.now);
+    for (let before = -1; before !== this.received.length + this.adverbMessages.length; ) {
+      before = this.received.length + this.adverbMessages.length;
+      this.session.step(this.now);
     }
   }
 
   ops(op: string): Record<string, unknown>[] {
-    return this.heard.filter((message) => message.op === op);
+    return this.received.filter((message) => message.op === op);
   }
 
   take(message: string | ArrayBuffer): void {
-    if (typeof message !== "string") return void this.aims.push(message);
-    const asked = JSON.parse(message) as Record<string, never> & { op: string; channel: number; t: number };
-    this.heard.push(asked);
+    if (typeof message !== "string") return void this.adverbMessages.push(message);
+    const request = JSON.parse(message) as Record<string, never> & { op: string; channel: number; t: number };
+    this.received.push(request);
     if (this.silent) return;
-    if (asked.op === "open") this.opened(asked);
-    if (asked.op === "close") this.open.delete(asked.channel);
-    if (asked.op === "ping") this.say({ op: "pong", t: asked.t, server_time_ns: (this.now + 5000) * 1e6 });
+    if (request.op === "open") this.opened(request);
+    if (request.op === "close") this.open.delete(request.channel);
+    if (request.op === "ping") this.send({ op: "pong", t: request.t, server_time_ns: (this.now + 5000) * 1e6 });
   }
 
-  opened(asked: { channel: number } & Record<string, never>): void {
+  opened(request: { channel: number } & Record<string, never>): void {
     const opened = {
-      ...{ op: "opened", channel: asked.channel, verb: asked.verb, version: 3, method: asked.method ?? "corrected" },
+      ...{
+        op: "opened",
+        channel: request.channel,
+        verb: request.verb,
+        version: 3,
+        method: request.method ?? "corrected",
+      },
       skeleton: { names: this.joints, parents: this.joints.map((_, k) => k - 1), offsets: [] },
-      ...{ adverbs: [], joints: this.joints, encoding: asked.encoding, space: "local", frame: "gltf" },
-      ...{ fps: asked.fps, looping: false, keytimes: [], follow: [0.4, 0.6], resumed: false },
+      ...{ adverbs: [], joints: this.joints, encoding: request.encoding, space: "local", frame: "gltf" },
+      ...{ fps: request.fps, looping: false, keytimes: [], follow: [0.4, 0.6], resumed: false },
       record_bytes: 36 + 16 * this.joints.length,
     } as unknown as Opened;
-    this.open.set(asked.channel, opened);
-    this.say(opened);
+    this.open.set(request.channel, opened);
+    this.send(opened);
   }
 
   private message(phase: number): ArrayBuffer {
@@ -94,25 +100,25 @@ class Server {
   }
 }
 
-let told: FromWorker[];
+let events: FromWorker[];
 let session: Session;
 let server: Server;
 
 beforeEach(() => {
-  told = [];
-  session = new Session((message) => void told.push(message));
+  events = [];
+  session = new Session((message) => void events.push(message));
   server = new Server(session);
 });
 
-function want(part: Partial<Motion> = {}, crowd = 1, other: Partial<Motion> | null = null): void {
+function setTarget(part: Partial<Motion> = {}, crowd = 1, comparison: Partial<Motion> | null = null): void {
   const main = { ...MOTION, ...part };
   const adverbs = Array.from({ length: crowd }, (_, k) => [0.1 + k, 0.2]);
-  const wish: Wish = { main, adverbs, other: other && { ...main, ...other } };
-  session.want(wish);
+  const target: StreamTarget = { main, adverbs, comparison: comparison && { ...main, ...comparison } };
+  session.setTarget(target);
 }
 
-test("what is wished is opened, in one message, and shown", () => {
-  want();
+test("the target is opened with one message and displayed", () => {
+  setTarget();
   server.connect("a");
   server.settle();
   expect(server.ops("open")).toEqual([
@@ -130,38 +136,38 @@ test("what is wished is opened, in one message, and shown", () => {
   expect(drawn?.poses).toHaveLength(11);
 });
 
-test("only what changed is said, adverbs as bytes, and nothing twice", () => {
-  want();
+test("only changes are sent, adverbs as binary", () => {
+  setTarget();
   server.connect("a");
   server.settle();
-  server.heard.length = 0;
-  session.want({ main: MOTION, adverbs: [[0.5, 0.2]], other: null });
+  server.received.length = 0;
+  session.setTarget({ main: MOTION, adverbs: [[0.5, 0.2]], comparison: null });
   server.settle();
-  expect(server.aims).toEqual([writeAdverbs(0, [0.5, 0.2])]);
-  expect(server.heard).toEqual([]);
-  session.want({ main: { ...MOTION, speed: 2, playing: false }, adverbs: [[0.5, 0.2]], other: null });
+  expect(server.adverbMessages).toEqual([writeAdverbs(0, [0.5, 0.2])]);
+  expect(server.received).toEqual([]);
+  session.setTarget({ main: { ...MOTION, speed: 2, playing: false }, adverbs: [[0.5, 0.2]], comparison: null });
   server.settle();
-  expect(server.heard).toEqual([{ op: "set", channel: 0, speed: 2, play: false }]);
-  session.want({ main: { ...MOTION, seek: { serial: 1, phase: 0.7 } }, adverbs: [[0.5, 0.2]], other: null });
+  expect(server.received).toEqual([{ op: "set", channel: 0, speed: 2, play: false }]);
+  session.setTarget({ main: { ...MOTION, seek: { serial: 1, phase: 0.7 } }, adverbs: [[0.5, 0.2]], comparison: null });
   server.settle();
-  expect(server.heard.at(-1)).toEqual({ op: "set", channel: 0, speed: 1, play: true, phase: 0.7 });
+  expect(server.received.at(-1)).toEqual({ op: "set", channel: 0, speed: 1, play: true, phase: 0.7 });
 });
 
-test("a crowd comes and goes in bursts that wait for their answers", () => {
-  want({}, 1000);
+test("a crowd opens and closes in bounded bursts", () => {
+  setTarget({}, 1000);
   server.silent = true;
   server.connect("a");
-  for (let k = 0; k < 50; k++) session.turn(server.now);
-  const asked = server.ops("open").length;
-  expect(asked).toBeLessThanOrEqual(48);
+  for (let k = 0; k < 50; k++) session.step(server.now);
+  const request = server.ops("open").length;
+  expect(request).toBeLessThanOrEqual(48);
   server.silent = false;
   for (const open of server.ops("open")) server.opened(open as never);
   server.settle();
   expect(server.open.size).toBe(1000);
   server.tick(0.5);
   expect(session.draw(server.now + 50, []).main?.shown.count).toBe(1000);
-  want({}, 3);
-  session.turn(server.now);
+  setTarget({}, 3);
+  session.step(server.now);
   expect(server.ops("close").length).toBeLessThanOrEqual(192);
   server.settle();
   expect([...server.open.keys()]).toEqual([0, 1, 2]);
@@ -170,15 +176,15 @@ test("a crowd comes and goes in bursts that wait for their answers", () => {
   expect([drawn?.shown.count, drawn?.poses[0], drawn?.poses[11]]).toEqual([3, 0, 1]);
 });
 
-test("another skeleton takes the place of the old one, whose last records are still read", () => {
-  want();
+test("records of the previous skeleton are read until the new channel is open", () => {
+  setTarget();
   server.connect("a");
   server.settle();
   for (let k = 0; k < 5; k++) server.tick(0.5);
   server.silent = true;
-  want({ verb: "arm3" });
+  setTarget({ verb: "arm3" });
   server.settle();
-  expect(server.heard.slice(-2).map(({ op }) => op)).toEqual(["close", "open"]);
+  expect(server.received.slice(-2).map(({ op }) => op)).toEqual(["close", "open"]);
   server.tick(0.6);
   expect(session.draw(server.now, []).main?.shown.verb).toBe("reach");
   server.joints = ["Base", "Upper", "Lower"];
@@ -188,23 +194,23 @@ test("another skeleton takes the place of the old one, whose last records are st
   expect([drawn?.shown.verb, drawn?.poses.length]).toEqual(["arm3", 15]);
 });
 
-test("a lost connection is taken up again: what was confirmed is told anew, what was not is opened", () => {
-  want({}, 2);
+test("a resumed session resends settings of confirmed channels and opens the others", () => {
+  setTarget({}, 2);
   server.connect("a");
   server.settle();
   for (let k = 0; k < 3; k++) server.tick(0.5);
   session.lost();
   expect(session.connection).toBe("lost");
-  want({ speed: 2 }, 2);
+  setTarget({ speed: 2 }, 2);
   server.silent = true;
-  server.heard.length = 0;
+  server.received.length = 0;
   server.connect("b");
-  expect(server.heard.map(({ op }) => op)).toEqual(["resume", "ping"]);
-  expect(server.heard[0]).toMatchObject({ session: "a", last_seq: 3 });
-  server.say({ ...(server.open.get(0) as Opened), resumed: true });
+  expect(server.received.map(({ op }) => op)).toEqual(["resume", "ping"]);
+  expect(server.received[0]).toMatchObject({ session: "a", last_seq: 3 });
+  server.send({ ...(server.open.get(0) as Opened), resumed: true });
   expect(session.connection).toBe("lost");
   server.silent = false;
-  server.say({ op: "pong", t: server.ops("ping")[0]?.t, server_time_ns: 1e15 });
+  server.send({ op: "pong", t: server.ops("ping")[0]?.t, server_time_ns: 1e15 });
   server.settle();
   expect(session.connection).toBe("open");
   expect(server.ops("set")[0]).toMatchObject({ channel: 0, speed: 2, play: true, loop: true, fps: 60 });
@@ -212,33 +218,33 @@ test("a lost connection is taken up again: what was confirmed is told anew, what
   expect(session.stats(server.now).reconnects).toBe(1);
 });
 
-test("where the server does not know the session, everything is opened anew at the phase where it was", () => {
-  want();
+test("an unknown session reopens all channels at their phase", () => {
+  setTarget();
   server.connect("a");
   server.settle();
   for (let k = 0; k < 3; k++) server.tick(0.625);
   session.lost();
   server.silent = true;
-  server.heard.length = 0;
+  server.received.length = 0;
   server.connect("b");
   server.silent = false;
-  server.say({ op: "error", channel: null, code: "unknown_session", detail: "no such session" });
+  server.send({ op: "error", channel: null, code: "unknown_session", detail: "no such session" });
   server.settle();
   expect(server.ops("open")).toMatchObject([{ channel: 0, phase: 0.625 }]);
-  expect(told.filter(({ kind }) => kind === "refused")).toEqual([]);
+  expect(events.filter(({ kind }) => kind === "refused")).toEqual([]);
 });
 
-test("a refusal is told once and asked again only for something else; a server that loads is asked again", () => {
-  want({ method: "magic" });
+test("a refusal is reported once; only a loading server is retried", () => {
+  setTarget({ method: "magic" });
   server.silent = true;
   server.connect("a");
-  const refuse = (code: string) => server.say({ op: "error", channel: 0, code, detail: `no: ${code}` });
+  const refuse = (code: string) => server.send({ op: "error", channel: 0, code, detail: `no: ${code}` });
   refuse("unknown_method");
   server.settle();
-  expect(told.filter(({ kind }) => kind === "refused")).toHaveLength(1);
+  expect(events.filter(({ kind }) => kind === "refused")).toHaveLength(1);
   expect(server.ops("open")).toHaveLength(1);
-  want({ method: "rbf" });
-  session.turn(server.now);
+  setTarget({ method: "rbf" });
+  session.step(server.now);
   expect(server.ops("open")).toHaveLength(2);
   refuse("not_ready");
   server.settle();
@@ -248,26 +254,26 @@ test("a refusal is told once and asked again only for something else; a server t
   expect(server.ops("open")).toHaveLength(3);
 });
 
-test("the other side is opened beside the first, and put back to its phase when it has drifted", () => {
-  want({}, 1, { method: "rbf" });
+test("the comparison is opened and realigned when its phase drifts", () => {
+  setTarget({}, 1, { method: "rbf" });
   server.connect("a");
   server.settle();
   server.tick(0.5);
-  expect(session.draw(server.now, []).other?.shown.method).toBe("rbf");
+  expect(session.draw(server.now, []).comparison?.shown.method).toBe("rbf");
   server.settle();
   expect(server.ops("set")).toEqual([]);
   server.drift = 0.05;
   for (let k = 0; k < 5; k++) server.tick(0.75);
   server.settle();
   expect(server.ops("set")).toEqual([{ op: "set", channel: 60_000, phase: 0.75 }]);
-  want();
+  setTarget();
   server.settle();
   expect([...server.open.keys()]).toEqual([0]);
-  expect(session.draw(server.now, []).other).toBeNull();
+  expect(session.draw(server.now, []).comparison).toBeNull();
 });
 
-test("gaps and what the server dropped are counted, messages that come again are not shown", () => {
-  want();
+test("gaps and dropped frames are counted, repeated messages are ignored", () => {
+  setTarget();
   server.connect("a");
   server.settle();
   server.tick(0.1);
@@ -277,12 +283,12 @@ test("gaps and what the server dropped are counted, messages that come again are
   expect(session.stats(server.now).lateness_p50_ms).toBeCloseTo(0, 1);
 });
 
-test("a record that nobody opened, and text that is no message, are errors", () => {
-  want();
+test("records of unknown channels and invalid text messages are errors", () => {
+  setTarget();
   server.connect("a");
   server.settle();
   server.open.set(7, server.open.get(0) as Opened);
   expect(() => server.tick(0.1)).toThrow(/channel 7, which was not opened/);
   expect(() => session.receive("{", 0)).toThrow(/not JSON/);
-  expect(() => session.receive('{"op":"opened","channel":"0"}', 0)).toThrow(/'channel' is no number/);
+  expect(() => session.receive('{"op":"opened","channel":"0"}', 0)).toThrow(/'channel' is not a number/);
 });

@@ -1,8 +1,8 @@
 /**
- * A stream's session without its socket: messages in, pictures and messages out.
+ * Protocol state of a stream without its socket.
  *
- * The page says what it wants to see; on every turn each channel is told what it lacks, a bounded number of messages
- * at a time, so that a crowd of a thousand comes and goes in bursts that the server can answer.
+ * The page sets a target. Each step sends every channel the missing changes, with a bounded number of messages, so
+ * that a crowd of 1,000 opens and closes in bursts that the server can answer.
  */
 
 import type { Connection, Opened, Stats } from "../types";
@@ -17,29 +17,29 @@ import {
   readMessageHead,
   readRecordHead,
 } from "./decode";
-import { Side } from "./figure_stream";
+import { FigureStream } from "./figure_stream";
 import { readText, type ServerMessage } from "./server_messages";
-import { Tally } from "./stream_stats";
-import type { Drawn, FromWorker, Motion, Wish } from "./worker_messages";
+import { StreamCounters } from "./stream_stats";
+import type { Drawn, FromWorker, Motion, StreamTarget } from "./worker_messages";
 
-/** Channels that may wait for an answer at a time: an answer has a skeleton in it, and the server keeps 256 messages. */
+/** Limit of unanswered `open` messages; the server queues at most 256 messages. */
 const MOST_PENDING = 48;
-/** Messages that one turn may send. */
+/** Messages per step. */
 const MOST_SENT = 192;
-const OTHER_CHANNEL = 60_000;
+const COMPARISON_CHANNEL = 60_000;
 const NOT_READY_MS = 1000;
-/** How far two phases may be apart, and how often that is looked at. */
+/** Phase tolerance between the figures, and interval of corrections. */
 const ALIGNED = 0.01;
 const ALIGN_MS = 500;
-const SIDES = ["main", "other"] as const;
+const ROLES = ["main", "comparison"] as const;
 
 export class Session {
-  private readonly sides: Record<"main" | "other", Side>;
-  private readonly tally: Tally;
+  private readonly streams: Record<"main" | "comparison", FigureStream>;
+  private readonly counters: StreamCounters;
   private readonly clock = new Clock();
-  private wish: Wish | null = null;
+  private target: StreamTarget | null = null;
   private send: ((message: Outgoing) => void) | null = null;
-  /** Away: not greeted, nothing can be sent. Joining: a resume is not answered completely. */
+  /** Away: no session. Joining: a resume is being answered. */
   private state: "away" | "joining" | "live" = "away";
   private name = "";
   private sequence = 0;
@@ -47,23 +47,23 @@ export class Session {
   private pings = new Map<number, number>();
   private token = 0;
   private barrier = -1;
-  /** The session that the server offers on this connection; taken where there is none to resume. */
-  private offered = "";
+  /** Session offered on this connection; used if there is none to resume. */
+  private offeredSession = "";
   private confirmed = new Set<number>();
-  /** Layouts of the records that come, by channel; of closed ones too, since records may still be under way. */
+  /** Record layouts by channel, including closed channels whose records may still arrive. */
   private layouts = new Map<number, Layout>();
-  /** Channels that wait for an answer. */
+  /** Number of channels that wait for an answer. */
   private pending = 0;
-  private sought = -1;
-  private turnAt = 0;
+  private soughtSerial = -1;
+  private nextChannel = 0;
   private alignedMs = Number.NEGATIVE_INFINITY;
 
   constructor(
-    private readonly tell: (message: FromWorker) => void,
+    private readonly emit: (message: FromWorker) => void,
     private readonly lateness = new Lateness(),
   ) {
-    this.sides = { main: new Side(0, lateness), other: new Side(OTHER_CHANNEL, lateness) };
-    this.tally = new Tally(this.clock, this.lateness);
+    this.streams = { main: new FigureStream(0, lateness), comparison: new FigureStream(COMPARISON_CHANNEL, lateness) };
+    this.counters = new StreamCounters(this.clock, this.lateness);
   }
 
   get connection(): Connection {
@@ -71,20 +71,20 @@ export class Session {
   }
 
   get channels(): number {
-    return this.all().filter((channel) => channel.there).length;
+    return this.all().filter((channel) => channel.isOpen).length;
   }
 
-  want(wish: Wish): void {
-    this.wish = wish;
-    this.sides.main.want(Math.max(1, Math.min(wish.adverbs.length, this.mostChannels - 1)));
-    this.sides.other.want(wish.other ? 1 : 0);
-    for (const { buffer } of Object.values(this.sides)) {
-      buffer.speed = wish.main.speed;
-      buffer.intervalMs = 1000 / wish.main.fps;
+  setTarget(target: StreamTarget): void {
+    this.target = target;
+    this.streams.main.setTarget(Math.max(1, Math.min(target.adverbs.length, this.mostChannels - 1)));
+    this.streams.comparison.setTarget(target.comparison ? 1 : 0);
+    for (const { buffer } of Object.values(this.streams)) {
+      buffer.speed = target.main.speed;
+      buffer.intervalMs = 1000 / target.main.fps;
     }
   }
 
-  /** A socket is there; the server speaks first. */
+  /** A socket is open; the server sends the first message. */
   attach(send: (message: Outgoing) => void): void {
     this.send = send;
   }
@@ -95,7 +95,7 @@ export class Session {
     this.pings.clear();
   }
 
-  /** Whether a ping has waited so long that nobody can be there. */
+  /** Whether a ping has been unanswered for longer than `mostMs`. */
   silent(nowMs: number, mostMs: number): boolean {
     const oldest = this.pings.values().next().value;
     return oldest !== undefined && nowMs - oldest > mostMs;
@@ -107,72 +107,79 @@ export class Session {
     return this.token;
   }
 
-  /** Take a message; throws `DecodeError` where it cannot be read. */
+  /** Handle a message; throws `DecodeError` if it is unreadable. */
   receive(content: string | ArrayBuffer, nowMs: number): void {
-    this.tally.bytes += typeof content === "string" ? content.length : content.byteLength;
+    this.counters.bytes += typeof content === "string" ? content.length : content.byteLength;
     if (typeof content === "string") this.text(readText(content), nowMs);
     else this.poses(new DataView(content), nowMs);
   }
 
-  draw(atMs: number, spare: Float32Array[]): Record<"main" | "other", Drawn | null> {
-    return { main: this.sides.main.draw(atMs, spare), other: this.sides.other.draw(atMs, spare) };
+  draw(atMs: number, spare: Float32Array[]): Record<"main" | "comparison", Drawn | null> {
+    return { main: this.streams.main.draw(atMs, spare), comparison: this.streams.comparison.draw(atMs, spare) };
   }
 
   stats(nowMs: number): Stats {
-    return this.tally.tell(nowMs, this.connection, this.channels, this.sides.main.buffer.delayMs);
+    return this.counters.snapshot(nowMs, this.connection, this.channels, this.streams.main.buffer.delayMs);
   }
 
-  /** Bring the server nearer to what is wished. */
-  turn(nowMs: number): void {
-    if (this.state !== "live" || !this.send || !this.wish) return;
-    const { wish } = this;
-    const { main, other } = this.sides;
-    const steered = wish.adverbs[0] ?? [];
+  /** Send messages toward the target. */
+  step(nowMs: number): void {
+    if (this.state !== "live" || !this.send || !this.target) return;
+    const { target } = this;
+    const { main, comparison } = this.streams;
+    const steered = target.adverbs[0] ?? [];
     const now = main.channels[0]?.phase ?? Number.NaN;
-    const phase = Number.isNaN(now) || this.sought !== wish.main.seek.serial ? wish.main.seek.phase : now;
+    const phase = Number.isNaN(now) || this.soughtSerial !== target.main.seek.serial ? target.main.seek.phase : now;
     let left = MOST_SENT;
     this.pending = this.all().reduce((sum, channel) => sum + Number(channel.pending), 0);
-    left -= this.bring(main.channels[0], wish.main, steered, phase, nowMs);
-    if (main.channels[0]?.there) this.sought = wish.main.seek.serial;
-    left -= this.bring(other.channels[0], wish.other, steered, phase, nowMs);
+    left -= this.updateChannel(main.channels[0], target.main, steered, phase, nowMs);
+    if (main.channels[0]?.isOpen) this.soughtSerial = target.main.seek.serial;
+    left -= this.updateChannel(comparison.channels[0], target.comparison, steered, phase, nowMs);
     this.align(nowMs);
     for (let k = main.channels.length - 1; k > 0 && left > 0; k--) {
-      this.turnAt = (this.turnAt % (main.channels.length - 1)) + 1;
-      const motion = this.turnAt < main.wanted ? wish.main : null;
-      left -= this.bring(main.channels[this.turnAt], motion, wish.adverbs[this.turnAt] ?? steered, phase, nowMs);
+      this.nextChannel = (this.nextChannel % (main.channels.length - 1)) + 1;
+      const motion = this.nextChannel < main.targetCount ? target.main : null;
+      left -= this.updateChannel(
+        main.channels[this.nextChannel],
+        motion,
+        target.adverbs[this.nextChannel] ?? steered,
+        phase,
+        nowMs,
+      );
     }
   }
 
-  /** Tell a channel what it lacks, and that it is not wished where there is no motion; how many messages it took. */
-  private bring(
+  /** Update one channel, or close it without a motion; returns the number of messages. */
+  private updateChannel(
     channel: Channel | undefined,
     motion: Motion | null,
     adverbs: readonly number[],
     phase: number,
     nowMs: number,
   ): number {
-    if (!channel || (motion && !channel.there && this.pending >= MOST_PENDING)) return 0;
-    const messages = motion ? channel.next(motion, adverbs, phase, nowMs) : channel.there ? [channel.close()] : [];
+    if (!channel || (motion && !channel.isOpen && this.pending >= MOST_PENDING)) return 0;
+    const messages = motion ? channel.next(motion, adverbs, phase, nowMs) : channel.isOpen ? [channel.close()] : [];
     for (const message of messages) this.send?.(message);
     if (messages.length > 0 && channel.pending) this.pending++;
     return messages.length;
   }
 
-  /** Blended durations differ by method: now and then the other side is put beside the steered one again. */
+  /** Blended durations differ by method: realign the comparison's phase when it drifts. */
   private align(nowMs: number): void {
-    const [main, other] = [this.sides.main.channels[0], this.sides.other.channels[0]];
-    if (!main?.settled || !other?.settled || !this.wish?.main.playing || nowMs < this.alignedMs + ALIGN_MS) return;
-    const apart = other.phase - main.phase;
+    const [main, comparison] = [this.streams.main.channels[0], this.streams.comparison.channels[0]];
+    if (!main?.settled || !comparison?.settled || !this.target?.main.playing || nowMs < this.alignedMs + ALIGN_MS)
+      return;
+    const apart = comparison.phase - main.phase;
     if (Math.abs(apart - Math.round(apart)) < ALIGNED) return;
     this.alignedMs = nowMs;
-    this.send?.(JSON.stringify({ op: "set", channel: other.number, phase: Math.min(Math.max(main.phase, 0), 1) }));
+    this.send?.(JSON.stringify({ op: "set", channel: comparison.number, phase: Math.min(Math.max(main.phase, 0), 1) }));
   }
 
   private poses(view: DataView, nowMs: number): void {
     const head = readMessageHead(view);
     const step = (head.sequence - this.sequence) >>> 0;
     if (step === 0 || step >= 2 ** 31) return;
-    if (step > 1 && this.sequence > 0) this.tally.gaps++;
+    if (step > 1 && this.sequence > 0) this.counters.gaps++;
     this.sequence = head.sequence;
     this.lateness.add(nowMs, head.timeMs);
     let at = MESSAGE_HEAD_BYTES;
@@ -181,14 +188,14 @@ export class Session {
       const layout = this.layouts.get(number);
       if (!layout) throw new DecodeError(at, `a record of channel ${number}, which was not opened`);
       const record = readRecordHead(view, at, layout);
-      for (const side of Object.values(this.sides)) {
-        const channel = side.find(number);
-        if (channel?.there) side.take(view, at, channel, layout, record);
+      for (const role of Object.values(this.streams)) {
+        const channel = role.find(number);
+        if (channel?.isOpen) role.take(view, at, channel, layout, record);
       }
       at += layout.recordBytes;
     }
-    this.tally.message(head.records, head.dropped);
-    for (const side of Object.values(this.sides)) side.commit(head.timeMs);
+    this.counters.message(head.records, head.dropped);
+    for (const role of Object.values(this.streams)) role.commit(head.timeMs);
   }
 
   private text(message: ServerMessage, nowMs: number): void {
@@ -204,47 +211,47 @@ export class Session {
       case "version":
         return this.renewed(message.channel, message.version, message.record_bytes);
       case "event":
-        if (message.channel === 0) this.tell({ kind: "event", name: message.name, phase: message.phase });
+        if (message.channel === 0) this.emit({ kind: "event", name: message.name, phase: message.phase });
         return;
       case "end":
-        if (message.channel === 0) this.tell({ kind: "end" });
+        if (message.channel === 0) this.emit({ kind: "end" });
     }
   }
 
   private greeted(hello: { session: string; max_channels: number }, nowMs: number): void {
     this.mostChannels = hello.max_channels;
     this.lateness.clear();
-    this.offered = hello.session;
-    if (this.name && this.all().some((channel) => channel.there)) {
-      this.tally.reconnects++;
+    this.offeredSession = hello.session;
+    if (this.name && this.all().some((channel) => channel.isOpen)) {
+      this.counters.reconnects++;
       this.state = "joining";
       this.confirmed.clear();
       this.send?.(JSON.stringify({ op: "resume", session: this.name, last_seq: this.sequence }));
-      this.barrier = this.ping(nowMs); // whatever a resume has to say comes before this comes back
+      this.barrier = this.ping(nowMs); // all answers to the resume precede this pong
     } else this.begin(nowMs);
   }
 
-  /** A session of its own, on a clock of its own. */
+  /** Start a new session with a new clock. */
   private begin(nowMs: number): void {
-    this.name = this.offered;
+    this.name = this.offeredSession;
     this.sequence = 0;
     this.barrier = -1;
     this.clock.clear();
     this.layouts.clear();
-    this.tally.began();
-    for (const channel of this.all()) channel.forgotten();
-    for (const side of Object.values(this.sides)) side.reset();
+    this.counters.startSession();
+    for (const channel of this.all()) channel.forget();
+    for (const role of Object.values(this.streams)) role.reset();
     this.state = "live";
     this.ping(nowMs);
-    this.turn(nowMs);
+    this.step(nowMs);
   }
 
   private opened(opened: Opened): void {
     this.layouts.set(opened.channel, layoutOf(opened.encoding, opened.joints.length, opened.record_bytes));
     this.confirmed.add(opened.channel);
-    for (const side of SIDES) {
-      const channel = this.sides[side].find(opened.channel);
-      if (channel && this.sides[side].opened(channel, opened)) this.tell({ kind: "opened", side, opened });
+    for (const role of ROLES) {
+      const channel = this.streams[role].find(opened.channel);
+      if (channel && this.streams[role].opened(channel, opened)) this.emit({ kind: "opened", role, opened });
     }
   }
 
@@ -254,27 +261,27 @@ export class Session {
     if (sentMs !== undefined) this.clock.add(sentMs, nowMs, serverNs / 1e6);
     if (token !== this.barrier) return;
     this.barrier = -1;
-    for (const channel of this.all()) if (!this.confirmed.has(channel.number)) channel.forgotten();
+    for (const channel of this.all()) if (!this.confirmed.has(channel.number)) channel.forget();
     this.state = "live";
-    this.turn(nowMs);
+    this.step(nowMs);
   }
 
   private refused(number: number | null, code: string, detail: string, nowMs: number): void {
     if (code === "unknown_session" && this.state === "joining") return this.begin(nowMs);
-    const side = number !== null && this.sides.other.find(number) ? "other" : "main";
-    const channel = number === null ? undefined : this.sides[side].find(number);
+    const role = number !== null && this.streams.comparison.find(number) ? "comparison" : "main";
+    const channel = number === null ? undefined : this.streams[role].find(number);
     channel?.refused(code === "not_ready" ? nowMs + NOT_READY_MS : Number.POSITIVE_INFINITY);
-    if (code !== "not_ready") this.tell({ kind: "refused", side, code, detail });
+    if (code !== "not_ready") this.emit({ kind: "refused", role, code, detail });
   }
 
   private renewed(number: number, version: number, recordBytes: number): void {
     const layout = this.layouts.get(number);
     if (layout) this.layouts.set(number, layoutOf(layout.encoding, layout.joints, recordBytes));
-    const opened = number === 0 ? this.sides.main.channels[0]?.opened : null;
-    if (opened) this.tell({ kind: "version", verb: opened.verb, version });
+    const opened = number === 0 ? this.streams.main.channels[0]?.opened : null;
+    if (opened) this.emit({ kind: "version", verb: opened.verb, version });
   }
 
   private all(): Channel[] {
-    return [...this.sides.main.channels, ...this.sides.other.channels];
+    return [...this.streams.main.channels, ...this.streams.comparison.channels];
   }
 }

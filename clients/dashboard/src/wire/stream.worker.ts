@@ -1,14 +1,13 @@
 /**
- * Holds the stream's socket, away from the page's thread: a thousand characters are decoded and interpolated here, and
- * the page gets one array per picture, without a copy. Interpolating here, and not in the page, keeps that array the
- * only thing that crosses, however many frames came in between.
+ * Web worker that owns the stream's socket. It decodes and interpolates up to 1,000 characters off the main thread and
+ * transfers one array per picture without a copy.
  */
 
 import { Session } from "./session";
 import type { FromWorker, ToWorker } from "./worker_messages";
 
 const SUBPROTOCOL = "adverb.v1";
-const TURN_MS = 16;
+const STEP_MS = 16;
 const PING_MS = 1000;
 const STATS_MS = 250;
 const SILENT_MS = 8000;
@@ -22,18 +21,18 @@ let socket: WebSocket | null = null;
 let failures = 0;
 let stopped = false;
 
-/** ms since 1970; goes forward evenly, and is the same clock in the page and here. */
+/** Monotone time in ms since 1970, equal in page and worker. */
 function now(): number {
   return performance.timeOrigin + performance.now();
 }
 
 function connect(): void {
-  const mine = new WebSocket(address, [SUBPROTOCOL]);
-  socket = mine;
-  mine.binaryType = "arraybuffer";
-  mine.onopen = () => session.attach((message) => mine.send(message));
-  mine.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => received(mine, data);
-  mine.onclose = ({ code, reason }) => lost(mine, reason || `the connection closed (${code})`);
+  const opened = new WebSocket(address, [SUBPROTOCOL]);
+  socket = opened;
+  opened.binaryType = "arraybuffer";
+  opened.onopen = () => session.attach((message) => opened.send(message));
+  opened.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => received(opened, data);
+  opened.onclose = ({ code, reason }) => lost(opened, reason || `connection closed (${code})`);
 }
 
 function received(from: WebSocket, data: string | ArrayBuffer): void {
@@ -42,7 +41,7 @@ function received(from: WebSocket, data: string | ArrayBuffer): void {
   try {
     session.receive(data, now());
   } catch (err) {
-    // A server that sends what cannot be read is not one to go on with; a new connection may reach another.
+    // After an unreadable message, reconnect; another server may answer.
     return lost(from, err instanceof Error ? err.message : String(err));
   }
   if (session.connection === "open" && before !== "open") {
@@ -51,10 +50,10 @@ function received(from: WebSocket, data: string | ArrayBuffer): void {
   }
 }
 
-function lost(mine: WebSocket, detail: string): void {
-  if (mine !== socket || stopped) return;
+function lost(opened: WebSocket, detail: string): void {
+  if (opened !== socket || stopped) return;
   socket = null;
-  mine.close();
+  opened.close();
   session.lost();
   const pauseMs = Math.min(LONGEST_PAUSE_MS, FIRST_PAUSE_MS * 2 ** failures++) * (0.5 + Math.random() / 2);
   page.postMessage({ kind: "connection", connection: session.connection, detail, againInS: pauseMs / 1000 });
@@ -63,7 +62,7 @@ function lost(mine: WebSocket, detail: string): void {
 
 function draw(atMs: number, spare: Float32Array[]): void {
   const pictures = session.draw(atMs, spare);
-  const arrays = [pictures.main, pictures.other].flatMap((drawn) => (drawn ? [drawn.poses.buffer] : []));
+  const arrays = [pictures.main, pictures.comparison].flatMap((drawn) => (drawn ? [drawn.poses.buffer] : []));
   page.postMessage({ kind: "pictures", pictures }, arrays);
 }
 
@@ -74,8 +73,8 @@ function stop(): void {
   self.close();
 }
 
-function beat(): void {
-  if (socket && session.silent(now(), SILENT_MS)) lost(socket, "the server does not answer any more");
+function heartbeat(): void {
+  if (socket && session.silent(now(), SILENT_MS)) lost(socket, `no answer to a ping for ${SILENT_MS / 1000} s`);
   else if (session.connection === "open") session.ping(now());
 }
 
@@ -84,12 +83,12 @@ self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
     case "start":
       address = data.address;
       connect();
-      setInterval(() => session.turn(now()), TURN_MS);
-      setInterval(beat, PING_MS);
+      setInterval(() => session.step(now()), STEP_MS);
+      setInterval(heartbeat, PING_MS);
       setInterval(() => page.postMessage({ kind: "stats", stats: session.stats(now()) }), STATS_MS);
       return;
-    case "want":
-      return session.want(data.wish);
+    case "setTarget":
+      return session.setTarget(data.target);
     case "draw":
       return draw(data.atMs, data.spare);
     case "stop":

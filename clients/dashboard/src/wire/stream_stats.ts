@@ -1,10 +1,10 @@
-/** What a stream did: counted as it comes, told four times a second. */
+/** Stream statistics, reported four times per second. */
 
 import type { Connection, Stats } from "../types";
 import type { Clock, Lateness } from "./clock";
 
-/** Rates are of the last second: so many tellings. */
-const TELLINGS = 4;
+/** Snapshots per rate window of one second. */
+const SNAPSHOTS = 4;
 
 interface Counts {
   atMs: number;
@@ -13,7 +13,7 @@ interface Counts {
   bytes: number;
 }
 
-export class Tally {
+export class StreamCounters {
   messages = 0;
   poses = 0;
   bytes = 0;
@@ -29,7 +29,7 @@ export class Tally {
   ) {}
 
   /** The server counts from 0 in each session. */
-  began(): void {
+  startSession(): void {
     this.droppedBefore += this.dropped;
     this.dropped = 0;
   }
@@ -40,10 +40,10 @@ export class Tally {
     this.dropped = dropped;
   }
 
-  tell(nowMs: number, connection: Connection, channels: number, bufferMs: number): Stats {
+  snapshot(nowMs: number, connection: Connection, channels: number, bufferMs: number): Stats {
     const now = { atMs: nowMs, messages: this.messages, poses: this.poses, bytes: this.bytes };
     const then = this.past[0] ?? now;
-    this.past = [...this.past, now].slice(-TELLINGS);
+    this.past = [...this.past, now].slice(-SNAPSHOTS);
     const seconds = Math.max((now.atMs - then.atMs) / 1000, 1e-3);
     const age = (quantile: number) => this.lateness.transit(quantile) + this.clock.offsetMs;
     return {

@@ -1,20 +1,20 @@
-/** What the page and the worker that holds its stream say to each other. */
+/** Messages between the page and the stream worker. */
 
-import type { Connection, Opened, Shown, Side, Stats } from "../types";
+import type { Connection, Opened, Role, Shown, Stats } from "../types";
 import type { Encoding } from "./decode";
 
-/** Where a motion should go to at once; a greater serial is a newer wish. */
+/** Seek request; a greater serial is newer. */
 export interface Seek {
   serial: number;
   phase: number;
 }
 
-/** Everything that the characters of a side share. */
+/** Settings shared by all characters of a figure. */
 export interface Motion {
   verb: string;
-  /** Empty: the verb's own. */
+  /** Empty: the verb's default. */
   method: string;
-  /** Of the verb, in the order of its description. */
+  /** Adverb names in the verb's order. */
   names: readonly string[];
   fps: number;
   encoding: Exclude<Encoding, "weights">;
@@ -24,19 +24,19 @@ export interface Motion {
   seek: Seek;
 }
 
-/** What the page wants to see; the worker brings the server there. */
-export interface Wish {
+/** Requested state of the stream. */
+export interface StreamTarget {
   main: Motion;
-  /** Adverbs of each character, in the order of `main.names`; the first is the one that is steered. */
+  /** Adverbs of each character in the order of `main.names`; the first is the steered one. */
   adverbs: readonly (readonly number[])[];
-  /** The same verb and goal in another way, or nothing. */
-  other: Motion | null;
+  /** Comparison with another method, or null. */
+  comparison: Motion | null;
 }
 
 export type ToWorker =
   | { kind: "start"; address: string }
-  | { kind: "want"; wish: Wish }
-  /** Draw at a time (ms since 1970); with arrays of earlier pictures, to be filled again. */
+  | { kind: "setTarget"; target: StreamTarget }
+  /** Draw at a time (ms since 1970); earlier arrays are passed for reuse. */
   | { kind: "draw"; atMs: number; spare: Float32Array[] }
   | { kind: "stop" };
 
@@ -46,11 +46,11 @@ export interface Drawn {
 }
 
 export type FromWorker =
-  | { kind: "pictures"; pictures: Record<Side, Drawn | null> }
-  | { kind: "opened"; side: Side; opened: Opened }
+  | { kind: "pictures"; pictures: Record<Role, Drawn | null> }
+  | { kind: "opened"; role: Role; opened: Opened }
   | { kind: "connection"; connection: Connection; detail: string; againInS: number }
   | { kind: "stats"; stats: Stats }
   | { kind: "event"; name: string; phase: number }
   | { kind: "end" }
   | { kind: "version"; verb: string; version: number }
-  | { kind: "refused"; side: Side; code: string; detail: string };
+  | { kind: "refused"; role: Role; code: string; detail: string };

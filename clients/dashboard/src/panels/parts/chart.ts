@@ -1,4 +1,4 @@
-/** A small line chart in the page's colours, with its figures written above it. */
+/** Small line chart in the page's colours, with current values in its caption. */
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
@@ -6,7 +6,7 @@ import { h } from "../../shell/dom";
 
 export interface Line {
   label: string;
-  /** A colour of the style sheet, such as `--accent`. */
+  /** CSS colour variable, such as `--accent`. */
   colour: string;
   dash?: number[];
 }
@@ -14,13 +14,13 @@ export interface Line {
 export interface ChartLook {
   title: string;
   lines: readonly Line[];
-  /** A figure in words, with its unit; above the chart, and of the place under the pointer. */
-  say(value: number | null | undefined): string;
-  /** A figure at the axis. */
+  /** Format a value with its unit, for the caption. */
+  format(value: number | null | undefined): string;
+  /** Format a value for the axis. */
   tick(value: number): string;
-  /** Whether the upright axis goes by powers of ten. */
+  /** Whether the vertical axis is logarithmic. */
   log?: boolean;
-  /** Smallest number that the upright axis reaches up to. */
+  /** Smallest upper limit of the vertical axis. */
   least?: number;
   across?: Required<Pick<uPlot.Axis, "splits" | "values">> & { range: uPlot.Range.Function };
 }
@@ -73,7 +73,7 @@ export class Chart {
     this.themes.observe(document.documentElement, { attributeFilter: ["data-theme"] });
   }
 
-  /** Places from left to right, then one column to a line. */
+  /** Set the x values and one column per line. */
   show(across: readonly number[], columns: readonly Column[]): void {
     this.columns = columns;
     this.plot.setData([across, ...columns] as uPlot.AlignedData);
@@ -91,11 +91,11 @@ export class Chart {
     if (this.host.clientWidth > 0) this.plot.setSize({ width: this.host.clientWidth, height: HEIGHT });
   }
 
-  /** The figures at the pointer, else the newest ones. */
+  /** Show the values at the cursor, or the newest values. */
   private write(at: number | null | undefined): void {
     this.columns.forEach((column, k) => {
       const figure = this.figures[k];
-      if (figure) figure.textContent = this.look.say(column[at ?? column.length - 1]);
+      if (figure) figure.textContent = this.look.format(column[at ?? column.length - 1]);
     });
   }
 }

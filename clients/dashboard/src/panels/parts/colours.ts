@@ -1,8 +1,8 @@
-/** Colours of the maps, and the scales that lead to them. */
+/** Colours and scales of the quality maps. */
 
 type Triple = readonly [number, number, number];
 
-/** Lightness, chroma and hue (OKLCH): even steps of lightness from dark violet by blue and green to light yellow. */
+/** Colour stops (OKLCH): even lightness steps from dark violet through blue and green to light yellow. */
 const STOPS: readonly Triple[] = [
   [0.33, 0.13, 305],
   [0.44, 0.11, 265],
@@ -13,7 +13,7 @@ const STOPS: readonly Triple[] = [
 ];
 const STEPS = 256;
 
-/** Red, green and blue, 0–255, of 256 colours one after another. */
+/** Red, green and blue, 0–255, of 256 colours. */
 export const PALETTE: Uint8ClampedArray = palette();
 
 function palette(): Uint8ClampedArray {
@@ -30,7 +30,7 @@ function between(share: number): Triple {
   return [mix(0), mix(1), mix(2)];
 }
 
-/** sRGB of OKLCH. Source: Björn Ottosson, "A perceptual color space for image processing", 2020. */
+/** OKLCH to sRGB. Source: Björn Ottosson, "A perceptual color space for image processing", 2020. */
 function rgb([lightness, chroma, hue]: Triple): [number, number, number] {
   const angle = (hue * Math.PI) / 180;
   const [a, b] = [chroma * Math.cos(angle), chroma * Math.sin(angle)];
@@ -49,12 +49,12 @@ function gamma(value: number): number {
   return value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055;
 }
 
-/** Index of the colour of a share of the scale; what lies beyond an end has the end's colour. */
+/** Palette index of a value in 0–1, clamped. */
 export function indexOf(share: number): number {
   return Math.round(Math.min(Math.max(share, 0), 1) * (STEPS - 1));
 }
 
-/** The colours from left to right, for a style sheet. */
+/** CSS gradient of the palette, left to right. */
 export function gradient(): string {
   const stops = Array.from({ length: 17 }, (_, k) => {
     const at = 3 * indexOf(k / 16);
@@ -64,12 +64,12 @@ export function gradient(): string {
 }
 
 export interface Scale {
-  /** Share of the way from the first colour to the last, 0–1 within the scale. */
+  /** Position of a value on the scale, 0–1 within its range. */
   at(value: number): number;
   ticks: readonly number[];
 }
 
-/** From 0 to a round number that is not less than `most`. */
+/** Linear scale from 0 to a round number of at least `most`. */
 export function linearScale(most: number): Scale {
   const decade = 10 ** Math.floor(Math.log10(most));
   const high = ([1, 1.2, 1.6, 2, 3, 4, 6, 8, 10].find((step) => step * decade >= most * (1 - 1e-9)) ?? 10) * decade;
@@ -78,7 +78,7 @@ export function linearScale(most: number): Scale {
 
 const MOST_DECADES = 4;
 
-/** Whole decades about nearly all of the values; the few that lie below have the first colour. */
+/** Logarithmic scale in whole decades that covers all but the smallest 5 % of the values. */
 export function logScale(values: readonly number[]): Scale {
   const known = values.filter((value) => value > 0).sort((a, b) => a - b);
   const most = known.at(-1) ?? 1;

@@ -1,25 +1,25 @@
-/** What a panel has started, and how all of it ends. */
-export class Life {
-  over = false;
-  private readonly ends: (() => void)[] = [];
+/** Cleanup callbacks of a mounted panel. */
+export class Disposables {
+  disposed = false;
+  private readonly callbacks: (() => void)[] = [];
 
-  /** Remember how something is stopped; where the panel is gone already, it is stopped at once. */
-  add(...ends: (() => void)[]): void {
-    if (this.over) for (const end of ends) end();
-    else this.ends.push(...ends);
+  /** Register cleanup callbacks; after disposal they run at once. */
+  add(...callbacks: (() => void)[]): void {
+    if (this.disposed) for (const dispose of callbacks) dispose();
+    else this.callbacks.push(...callbacks);
   }
 
-  end(): void {
-    this.over = true;
-    for (const end of this.ends.splice(0)) end();
+  dispose(): void {
+    this.disposed = true;
+    for (const dispose of this.callbacks.splice(0)) dispose();
   }
 }
 
-/** Calls `then` once, a while after the first of several calls. */
-export function soon(afterMs: number, then: () => void): { ask: () => void; stop: () => void } {
+/** Trailing throttle: calls `then` once, `afterMs` after the first of several calls. */
+export function throttle(afterMs: number, then: () => void): { schedule: () => void; stop: () => void } {
   let timer: ReturnType<typeof setTimeout> | undefined;
   return {
-    ask: () => {
+    schedule: () => {
       timer ??= setTimeout(() => {
         timer = undefined;
         then();

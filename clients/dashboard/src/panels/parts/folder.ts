@@ -1,4 +1,4 @@
-/** A folder of a verb's source, made one zip. */
+/** Packs a source folder as a zip archive. */
 
 import { type Zippable, zipSync } from "fflate";
 
@@ -6,14 +6,14 @@ const MOST_FILES = 2000;
 const MOST_BYTES = 256 * 1024 * 1024;
 const LEVEL = 1;
 
-export interface Inside {
+export interface FolderFile {
   path: string;
   file: File;
 }
 
-/** All files of a folder that was dropped, but for hidden ones. */
-export async function filesIn(folder: FileSystemDirectoryEntry): Promise<Inside[]> {
-  const found: Inside[] = [];
+/** All files of a dropped folder, without hidden files. */
+export async function readDroppedFolder(folder: FileSystemDirectoryEntry): Promise<FolderFile[]> {
+  const found: FolderFile[] = [];
   const waiting = [folder];
   for (let next = waiting.pop(); next; next = waiting.pop()) {
     for (const entry of await entriesOf(next)) {
@@ -26,18 +26,18 @@ export async function filesIn(folder: FileSystemDirectoryEntry): Promise<Inside[
   return found;
 }
 
-/** All files of a folder that was chosen, but for hidden ones. */
-export function filesOf(list: FileList): Inside[] {
+/** All files of a chosen folder, without hidden files. */
+export function readChosenFolder(list: FileList): FolderFile[] {
   const all = [...list].map((file) => ({ path: file.webkitRelativePath, file }));
   return all.filter(({ path }) => !path.split("/").some((name) => name.startsWith(".")));
 }
 
-/** The zip; an error where it cannot be the source of a verb. */
-export async function zipped(files: readonly Inside[]): Promise<File> {
+/** Zip the files. Throws if they cannot be a verb source. */
+export async function zipFolder(files: readonly FolderFile[]): Promise<File> {
   const name = files[0]?.path.split("/")[0] ?? "The folder";
-  const source = "It should be the folder of one verb, with verb.toml and the motions.";
+  const source = "Choose the folder of one verb, with verb.toml and its motion files.";
   if (!files.some(({ path }) => /^([^/]+\/)?verb\.toml$/.test(path)))
-    throw new Error(`${name} holds no verb.toml. ${source}`);
+    throw new Error(`${name} contains no verb.toml. ${source}`);
   const size = files.reduce((sum, { file }) => sum + file.size, 0);
   if (files.length > MOST_FILES || size > MOST_BYTES)
     throw new Error(`${name} is larger than ${MOST_FILES} files or ${MOST_BYTES / 1024 ** 2} MB. ${source}`);
@@ -51,7 +51,7 @@ async function entriesOf(folder: FileSystemDirectoryEntry): Promise<FileSystemEn
   const entries: FileSystemEntry[] = [];
   for (;;) {
     const some = await new Promise<FileSystemEntry[]>((found, failed) => reader.readEntries(found, failed));
-    if (some.length === 0) return entries; // a reader gives a hundred at a time
+    if (some.length === 0) return entries; // readEntries returns at most 100 entries per call
     entries.push(...some);
   }
 }

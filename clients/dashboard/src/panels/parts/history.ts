@@ -1,14 +1,14 @@
 /** Charts of the last five minutes. */
 
 import { h } from "../../shell/dom";
+import { digits } from "../../units";
 import { Chart, type ChartLook, type Line } from "./chart";
-import type { Measures } from "./server_metrics";
-import { digits } from "./units";
+import type { ServerMetrics } from "./server_metrics";
 
 const WINDOW_S = 300;
 const MINUTE_S = 60;
 const QUARTER_S = 15;
-/** Where two points are further apart the line is broken. */
+/** A longer gap between two samples breaks the line. */
 const GAP_S = 7;
 
 const QUANTILES: readonly Line[] = [
@@ -20,7 +20,7 @@ const SERIES = ["--series-1", "--series-2", "--series-3", "--series-4", "--serie
 
 interface Row {
   chart: Chart;
-  columns: readonly ((measures: Measures) => number)[];
+  columns: readonly ((metrics: ServerMetrics) => number)[];
 }
 
 export class History {
@@ -29,22 +29,22 @@ export class History {
   private readonly rows: Row[];
   private verbs: readonly string[] = [];
   private verbRow: Row | null = null;
-  private past: Measures[] = [];
+  private past: ServerMetrics[] = [];
 
   constructor() {
     this.rows = [
-      late("REST latency", (measures) => measures.requests),
-      late("Frame lateness", (measures) => measures.frameLateness),
+      late("REST latency", (metrics) => metrics.requests),
+      late("Frame lateness", (metrics) => metrics.frameLateness),
       row("Pose messages", ["sent", "--accent", "framesPerS"], ["dropped", "--bad", "droppedPerS"], "/s"),
       row("Poses evaluated", ["poses", "--accent", "posesPerS"], null, "/s"),
       row("Characters and streams", ["characters", "--accent", "characters"], ["streams", "--quiet", "streams"], ""),
-      late("Event loop lateness", (measures) => measures.loopLateness),
+      late("Event loop lateness", (metrics) => metrics.loopLateness),
     ];
     this.element.append(...this.rows.map(({ chart }) => chart.element), this.errors);
   }
 
-  add(measures: Measures): void {
-    this.past = [...this.past.filter(({ atS }) => atS > measures.atS - WINDOW_S), measures];
+  add(metrics: ServerMetrics): void {
+    this.past = [...this.past.filter(({ atS }) => atS > metrics.atS - WINDOW_S), metrics];
     const verbs = [
       ...new Set(
         this.past.flatMap(({ errors }) =>
@@ -66,7 +66,7 @@ export class History {
     this.verbRow?.chart.dispose();
   }
 
-  /** Other verbs are asked for than before. */
+  /** Rebuild the error chart when its set of verbs changes. */
   private anew(verbs: readonly string[]): void {
     this.verbs = verbs;
     this.verbRow?.chart.dispose();
@@ -75,40 +75,40 @@ export class History {
       colour: SERIES[k % SERIES.length] ?? "--accent",
       ...(k >= SERIES.length && { dash: [4, 3] }),
     }));
-    const look = {
+    const poll = {
       title: "Mean error by verb, mm",
       lines,
-      say: inMm,
+      format: inMm,
       tick: (value: number) => digits(value * 1000),
       least: 0.001,
     };
     const columns = verbs.map(
       (verb) =>
-        ({ errors }: Measures) =>
+        ({ errors }: ServerMetrics) =>
           errors.get(verb) ?? Number.NaN,
     );
-    this.verbRow = { chart: new Chart({ ...look, across: minutes }), columns };
+    this.verbRow = { chart: new Chart({ ...poll, across: minutes }), columns };
     this.errors.replaceChildren(this.verbRow.chart.element);
   }
 }
 
-/** Seconds before the newest point, with a hole where nothing was scraped for a while. */
-function placed(past: readonly Measures[]): { across: number[]; points: (Measures | null)[] } {
+/** X values in seconds before the newest sample; null marks a gap. */
+function placed(past: readonly ServerMetrics[]): { across: number[]; points: (ServerMetrics | null)[] } {
   const now = past.at(-1)?.atS ?? 0;
-  const [across, points]: [number[], (Measures | null)[]] = [[], []];
-  past.forEach((measures, k) => {
+  const [across, points]: [number[], (ServerMetrics | null)[]] = [[], []];
+  past.forEach((metrics, k) => {
     const before = past[k - 1];
-    if (before && measures.atS - before.atS > GAP_S) {
-      across.push((before.atS + measures.atS) / 2 - now);
+    if (before && metrics.atS - before.atS > GAP_S) {
+      across.push((before.atS + metrics.atS) / 2 - now);
       points.push(null);
     }
-    across.push(measures.atS - now);
-    points.push(measures);
+    across.push(metrics.atS - now);
+    points.push(metrics);
   });
   return { across, points };
 }
 
-/** The window grows with what there is to see, up to its full width. */
+/** The window grows with the data up to its full width. */
 const minutes: ChartLook["across"] = {
   range: (_, first) => [-Math.min(Math.max(-first, MINUTE_S), WINDOW_S), 0],
   splits: (_, __, first) => {
@@ -123,27 +123,33 @@ function agoText(seconds: number): string {
   return seconds % MINUTE_S === 0 ? `−${-seconds / MINUTE_S} min` : `−${-seconds} s`;
 }
 
-function late(title: string, of: (measures: Measures) => readonly number[]): Row {
-  const look = { title, lines: QUANTILES, say: inMs, tick: (value: number) => `${digits(value * 1000)}`, least: 0.001 };
-  const columns = QUANTILES.map((_, k) => (measures: Measures) => of(measures)[k] ?? Number.NaN);
-  return { chart: new Chart({ ...look, title: `${title}, ms`, across: minutes }), columns };
+function late(title: string, of: (metrics: ServerMetrics) => readonly number[]): Row {
+  const poll = {
+    title,
+    lines: QUANTILES,
+    format: inMs,
+    tick: (value: number) => `${digits(value * 1000)}`,
+    least: 0.001,
+  };
+  const columns = QUANTILES.map((_, k) => (metrics: ServerMetrics) => of(metrics)[k] ?? Number.NaN);
+  return { chart: new Chart({ ...poll, title: `${title}, ms`, across: minutes }), columns };
 }
 
 type Key = "framesPerS" | "droppedPerS" | "posesPerS" | "streams" | "characters";
-type Told = readonly [label: string, colour: string, key: Key];
+type SeriesSpec = readonly [label: string, colour: string, key: Key];
 
-function row(title: string, first: Told, second: Told | null, unit: string): Row {
-  const told = second ? [first, second] : [first];
-  const lines = told.map(([label, colour]) => ({ label, colour }));
-  const say = (value: number | null | undefined) =>
+function row(title: string, first: SeriesSpec, second: SeriesSpec | null, unit: string): Row {
+  const specs = second ? [first, second] : [first];
+  const lines = specs.map(([label, colour]) => ({ label, colour }));
+  const format = (value: number | null | undefined) =>
     value === null || value === undefined ? "–" : `${short(value)}${unit}`;
-  const look = { title, lines, say, tick: short, least: 1 };
+  const poll = { title, lines, format, tick: short, least: 1 };
   return {
-    chart: new Chart({ ...look, across: minutes }),
-    columns: told.map(
+    chart: new Chart({ ...poll, across: minutes }),
+    columns: specs.map(
       ([, , key]) =>
-        (measures) =>
-          measures[key],
+        (metrics) =>
+          metrics[key],
     ),
   };
 }
@@ -160,7 +166,7 @@ function inMm(metres: number | null | undefined): string {
   return metres === null || metres === undefined ? "–" : digits(metres * 1000);
 }
 
-/** Thousands as k: an axis has little room. */
+/** Thousands as k, for the narrow axis. */
 export function short(value: number): string {
   if (value >= 1e6) return `${digits(value / 1e6)} M`;
   return value >= 10_000 ? `${digits(value / 1000)} k` : digits(value);

@@ -1,53 +1,64 @@
 import { describe, expect, test } from "vitest";
 import type { Refinement, Version } from "../../types";
-import { ago, figuresOf, makerText, percent, stateText } from "./labels";
-import { bytes, digits, errorUnit, kappa } from "./units";
+import { adverbUnit, bytes, digits, errorText, errorUnit, kappa } from "../../units";
+import { ageText, authorText, detailText, percent, qualityRows, stateText } from "./labels";
 
 const refinement = (part: Partial<Refinement>) =>
   ({ detail: "", progress: {}, version_after: null, ...part }) as Refinement;
 
-describe("refinements in words", () => {
+describe("state texts of refinements", () => {
   test.each<[string, Partial<Refinement>]>([
-    ["waiting for a worker", { state: "queued" }],
+    ["Waiting for a worker", { state: "queued" }],
     ["0 pseudo-examples", { state: "running" }],
-    ["1 pseudo-example, error at most 12 %", { state: "running", progress: { pseudo: 1, error_max: 0.1224 } }],
-    ["34 pseudo-examples, error at most 0.95 %", { state: "running", progress: { pseudo: 34, error_max: 0.00952 } }],
+    ["1 pseudo-example, largest error 12 %", { state: "running", progress: { pseudo: 1, error_max: 0.1224 } }],
+    ["34 pseudo-examples, largest error 0.95 %", { state: "running", progress: { pseudo: 34, error_max: 0.00952 } }],
     [
-      "target met; comparing it with the version that is served",
+      "Target met; comparing with the current version",
       { state: "running", progress: { pseudo: 34, stopped: "target met" } },
     ],
-    ["published as version 4", { state: "published", version_after: 4 }],
-    ["not better: κ is higher", { state: "not_better", detail: "not better: κ is higher" }],
-    ["not better: the verb was deleted", { state: "not_better", detail: "the verb was deleted" }],
-    ["failed: no such blob", { state: "failed", detail: "no such blob" }],
-    ["given up: no worker finished it", { state: "given_up", detail: "no worker finished it" }],
-    ["failed", { state: "failed" }],
-    ["cancelled", { state: "cancelled" }],
+    ["Published as version 4", { state: "published", version_after: 4 }],
+    ["No improvement; version 3 stays", { version_before: 3, state: "not_better", detail: "not better: κ is higher" }],
+    ["No improvement", { version_before: null, state: "not_better", detail: "the verb was deleted" }],
+    ["Failed: no such blob", { state: "failed", detail: "no such blob" }],
+    ["Abandoned: no worker finished it", { state: "given_up", detail: "no worker finished it" }],
+    ["Failed", { state: "failed" }],
+    ["Cancelled", { state: "cancelled" }],
   ])("%s", (text, part) => {
     expect(stateText(refinement(part))).toBe(text);
   });
 });
 
-describe("versions in words", () => {
+test("the reason of a refinement without improvement is a detail", () => {
+  expect(detailText(refinement({ state: "not_better", detail: "not better: κ is higher" }))).toBe("κ is higher");
+  expect(detailText(refinement({ state: "failed", detail: "no such blob" }))).toBe("");
+});
+
+test("angles are shown in degrees, other adverbs in their unit", () => {
+  expect(adverbUnit("rad")).toEqual({ text: "°", factor: 180 / Math.PI });
+  expect(adverbUnit("rad/s").text).toBe("°/s");
+  expect(adverbUnit("m")).toEqual({ text: "m", factor: 1 });
+});
+
+describe("texts of versions", () => {
   const version = (quality: object) => ({ quality }) as Version;
 
-  test("a built one has figures by method", () => {
-    const told = { methods: { rbf: { error_mean_m: 0.05, error_max_m: 0.13 } } };
-    expect(figuresOf(version(told))).toEqual([{ method: "rbf", mean: 0.05, max: 0.13, kappa: null }]);
+  test("a built version has one row per method", () => {
+    const quality = { methods: { rbf: { error_mean_m: 0.05, error_max_m: 0.13 } } };
+    expect(qualityRows(version(quality))).toEqual([{ method: "rbf", mean: 0.05, max: 0.13, kappa: null }]);
   });
 
-  test("a refined one has those that it was judged by", () => {
-    const told = { new: { method: "refined", error_mean_m: 0.003, error_max_m: 0.01, smoothness: 0.0026 }, now: {} };
-    expect(figuresOf(version(told))).toEqual([{ method: "refined", mean: 0.003, max: 0.01, kappa: 0.0026 }]);
+  test("a refined version has the row of its evaluation", () => {
+    const quality = { new: { method: "refined", error_mean_m: 0.003, error_max_m: 0.01, smoothness: 0.0026 }, now: {} };
+    expect(qualityRows(version(quality))).toEqual([{ method: "refined", mean: 0.003, max: 0.01, kappa: 0.0026 }]);
   });
 
-  test("one of which nothing is known has none", () => {
-    expect(figuresOf(version({}))).toEqual([]);
+  test("a version without quality has no rows", () => {
+    expect(qualityRows(version({}))).toEqual([]);
   });
 
-  test("its maker is a person, a file, or a refinement of another", () => {
-    expect(makerText({ who: "a client", parent: null } as Version)).toBe("a client");
-    expect(makerText({ who: "job 12ab", parent: 3 } as Version)).toBe("a refinement of version 3");
+  test("the author is a client or a refinement of the parent", () => {
+    expect(authorText({ author: "a client", parent: null } as Version)).toBe("a client");
+    expect(authorText({ author: "job 12ab", parent: 3 } as Version)).toBe("refinement of version 3");
   });
 });
 
@@ -56,11 +67,11 @@ test.each([
   [60, "1 minute ago"],
   [7199, "1 hour ago"],
   [3 * 86_400, "3 days ago"],
-])("%f seconds ago is %s", (seconds, text) => {
-  expect(ago(seconds)).toBe(text);
+])("%f seconds is %s", (seconds, text) => {
+  expect(ageText(seconds)).toBe(text);
 });
 
-test("numbers have as many digits as they are worth", () => {
+test("numbers have three significant digits", () => {
   expect([0, 1e-9, 0.1234, 7.5438, 42.26, 131.26, -0.7638].map((value) => digits(value))).toEqual([
     "0",
     "0",
@@ -76,8 +87,16 @@ test("numbers have as many digits as they are worth", () => {
   expect(percent(0.01)).toBe("1 %");
 });
 
-test("errors are written in mm or cm, of speeds too; other units stay", () => {
+test("errors are in mm below 1 m and in m above; other units are kept", () => {
   expect(errorUnit("m", 0.02)).toEqual({ text: "mm", factor: 1000 });
-  expect(errorUnit("m/s", 0.4)).toEqual({ text: "cm/s", factor: 100 });
+  expect(errorUnit("m/s", 0.4)).toEqual({ text: "mm/s", factor: 1000 });
+  expect(errorUnit("m", 1.2)).toEqual({ text: "m", factor: 1 });
+  expect([errorText(0.226), errorText(0.00042), errorText(2.5), errorText(0.05, "m/s"), errorText(null)]).toEqual([
+    "226 mm",
+    "0.42 mm",
+    "2.50 m",
+    "50.0 mm/s",
+    "–",
+  ]);
   expect(errorUnit("rad", 0.4)).toEqual({ text: "rad", factor: 1 });
 });

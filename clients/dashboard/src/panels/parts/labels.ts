@@ -1,21 +1,21 @@
-/** What the server knows, in plain words. */
+/** Texts about refinements and versions. */
 
 import type { Refinement, Version } from "../../types";
 
-/** What a refinement tells of its course; fields are missing before it has begun. */
-export interface Course {
+/** Progress of a refinement; missing fields get defaults. */
+export interface RefinementProgress {
   ratio: number;
   pseudo: number;
   error_max: number | null;
   stopped: string;
   note: string;
-  /** Pseudo-examples, mean and largest error as shares of the goals' diagonal. */
+  /** Pseudo-examples, then mean and largest error relative to the diagonal of the goal range. */
   curve: readonly (readonly [number, number, number])[];
 }
 
-export function courseOf({ progress }: Refinement): Course {
-  const told = progress as Partial<Course>;
-  const { ratio = 0, pseudo = 0, error_max = null, stopped = "", note = "", curve = [] } = told;
+export function progressOf({ progress }: Refinement): RefinementProgress {
+  const known = progress as Partial<RefinementProgress>;
+  const { ratio = 0, pseudo = 0, error_max = null, stopped = "", note = "", curve = [] } = known;
   return { ratio, pseudo, error_max, stopped, note, curve };
 }
 
@@ -23,39 +23,47 @@ export function running({ state }: Refinement): boolean {
   return state === "queued" || state === "running";
 }
 
-/** How a refinement is, or how it ended. */
+/** State of a refinement in one line. */
 export function stateText(refinement: Refinement): string {
-  const { state, detail, version_after } = refinement;
+  const { state, detail, version_before, version_after } = refinement;
   switch (state) {
     case "queued":
-      return "waiting for a worker";
+      return "Waiting for a worker";
     case "running":
-      return runningText(courseOf(refinement));
+      return runningText(progressOf(refinement));
     case "published":
-      return version_after === null ? "published" : `published as version ${version_after}`;
+      return version_after === null ? "Published" : `Published as version ${version_after}`;
     case "not_better":
-      return prefixed("not better", detail);
+      return version_before === null ? "No improvement" : `No improvement; version ${version_before} stays`;
     case "failed":
-      return prefixed("failed", detail);
+      return withDetail("Failed", detail);
     case "given_up":
-      return prefixed("given up", detail);
+      return withDetail("Abandoned", detail);
     case "cancelled":
-      return "cancelled";
+      return "Cancelled";
   }
 }
 
-function runningText({ pseudo, error_max, stopped }: Course): string {
-  if (stopped) return `${stopped}; comparing it with the version that is served`;
-  const error = error_max === null ? "" : `, error at most ${percent(error_max)}`;
+function runningText({ pseudo, error_max, stopped }: RefinementProgress): string {
+  if (stopped) return `${capitalised(stopped)}; comparing with the current version`;
+  const error = error_max === null ? "" : `, largest error ${percent(error_max)}`;
   return `${pseudo} pseudo-example${pseudo === 1 ? "" : "s"}${error}`;
 }
 
-function prefixed(prefix: string, detail: string): string {
-  if (!detail) return prefix;
-  return detail.startsWith(prefix) ? detail : `${prefix}: ${detail}`;
+function withDetail(label: string, detail: string): string {
+  return detail ? `${label}: ${detail}` : label;
 }
 
-/** A share as per cent, with two digits that say something. */
+function capitalised(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
+/** Measured reason of a refinement without improvement, shown in its details. */
+export function detailText({ state, detail }: Refinement): string {
+  return state === "not_better" ? detail.replace(/^(not better|no improvement):\s*/i, "") : "";
+}
+
+/** Percentage with two significant digits. */
 export function percent(share: number): string {
   return `${Number((100 * share).toPrecision(2))} %`;
 }
@@ -66,8 +74,8 @@ const STEPS: readonly (readonly [seconds: number, name: string])[] = [
   [60, "minute"],
 ];
 
-/** How long ago, roughly. */
-export function ago(secondsAgo: number): string {
+/** Approximate age. */
+export function ageText(secondsAgo: number): string {
   for (const [length, name] of STEPS) {
     const count = Math.floor(secondsAgo / length);
     if (count > 0) return `${count} ${name}${count === 1 ? "" : "s"} ago`;
@@ -75,40 +83,40 @@ export function ago(secondsAgo: number): string {
   return "just now";
 }
 
-/** What was measured of a version by one method. */
-export interface Figures {
+/** Quality of a version by one method. */
+export interface QualityRow {
   method: string;
   mean: number;
   max: number;
-  /** null where it was not measured. */
+  /** null if not measured. */
   kappa: number | null;
 }
 
-interface Judged {
+interface MeasuredQuality {
   method: string;
   error_mean_m: number;
   error_max_m: number;
   smoothness: number;
 }
 
-/** A version's quality: of a refined one as it was judged, of a built one as it was measured by each method. */
-export function figuresOf({ quality }: Version): Figures[] {
-  const judged = quality.new as Judged | undefined;
-  if (judged) {
-    const { method, error_mean_m, error_max_m, smoothness } = judged;
+/** Quality rows of a version: one for a refined version, one per method for a built version. */
+export function qualityRows({ quality }: Version): QualityRow[] {
+  const measured = quality.new as MeasuredQuality | undefined;
+  if (measured) {
+    const { method, error_mean_m, error_max_m, smoothness } = measured;
     return [{ method, mean: error_mean_m, max: error_max_m, kappa: smoothness }];
   }
-  const methods = (quality.methods ?? {}) as Record<string, Partial<Judged>>;
-  return Object.entries(methods).map(([method, told]) => ({
+  const methods = (quality.methods ?? {}) as Record<string, Partial<MeasuredQuality>>;
+  return Object.entries(methods).map(([method, row]) => ({
     method,
-    mean: told.error_mean_m ?? Number.NaN,
-    max: told.error_max_m ?? Number.NaN,
-    kappa: told.smoothness ?? null,
+    mean: row.error_mean_m ?? Number.NaN,
+    max: row.error_max_m ?? Number.NaN,
+    kappa: row.smoothness ?? null,
   }));
 }
 
-/** Who made a version, and from which. */
-export function makerText({ who, parent }: Version): string {
-  const maker = who.startsWith("job ") ? "a refinement" : who;
-  return parent === null ? maker : `${maker} of version ${parent}`;
+/** Author and parent of a version. */
+export function authorText({ author, parent }: Version): string {
+  const name = author.startsWith("job ") ? "refinement" : author;
+  return parent === null ? name : `${name} of version ${parent}`;
 }

@@ -1,64 +1,68 @@
 import { expect, test, vi } from "vitest";
-import { Latest } from "./latest_request";
+import { LatestRequest } from "./latest_request";
 
-/** Questions that are answered by hand. */
-function desk() {
-  const asked: { path: string; signal: AbortSignal; answer: (value: string) => void; refuse: (why: Error) => void }[] =
-    [];
-  const told: unknown[] = [];
-  const latest = new Latest<string>(
-    (path, signal) => new Promise((answer, refuse) => asked.push({ path, signal, answer, refuse })),
-    (answer) => told.push(answer),
+/** Requests resolved by the tests. */
+function manualRequests() {
+  const requests: {
+    path: string;
+    signal: AbortSignal;
+    resolve: (value: string) => void;
+    reject: (error: Error) => void;
+  }[] = [];
+  const results: unknown[] = [];
+  const latest = new LatestRequest<string>(
+    (path, signal) => new Promise((resolve, reject) => requests.push({ path, signal, resolve, reject })),
+    (resolve) => results.push(resolve),
   );
-  return { latest, asked, told, paths: () => asked.map(({ path }) => path) };
+  return { latest, requests, results, paths: () => requests.map(({ path }) => path) };
 }
 
-test("while one is asked only the newest wish waits", async () => {
-  const { latest, asked, told, paths } = desk();
-  for (const path of ["a", "b", "c"]) latest.want(path, false);
+test("during a request only the newest path waits", async () => {
+  const { latest, requests, results, paths } = manualRequests();
+  for (const path of ["a", "b", "c"]) latest.request(path, false);
   expect(paths()).toEqual(["a"]);
-  asked[0]?.answer("A");
-  await vi.waitFor(() => expect(told).toEqual([{ value: "A" }]));
+  requests[0]?.resolve("A");
+  await vi.waitFor(() => expect(results).toEqual([{ value: "A" }]));
   expect(paths()).toEqual(["a", "c"]);
-  expect(latest.late).toBe(true);
+  expect(latest.pending).toBe(true);
 });
 
-test("what was told is not asked again", async () => {
-  const { latest, asked, told, paths } = desk();
-  latest.want("a", false);
-  asked[0]?.answer("A");
-  await vi.waitFor(() => expect(told).toHaveLength(1));
-  latest.want("a", false);
+test("an results path is not requested again", async () => {
+  const { latest, requests, results, paths } = manualRequests();
+  latest.request("a", false);
+  requests[0]?.resolve("A");
+  await vi.waitFor(() => expect(results).toHaveLength(1));
+  latest.request("a", false);
   expect(paths()).toEqual(["a"]);
-  expect(latest.late).toBe(false);
+  expect(latest.pending).toBe(false);
 });
 
-test("a useless question is dropped, and its answer not told", async () => {
-  const { latest, asked, told, paths } = desk();
-  latest.want("a", false);
-  latest.want("b", true);
-  expect(asked[0]?.signal.aborted).toBe(true);
+test("a useless request is aborted and its result ignored", async () => {
+  const { latest, requests, results, paths } = manualRequests();
+  latest.request("a", false);
+  latest.request("b", true);
+  expect(requests[0]?.signal.aborted).toBe(true);
   expect(paths()).toEqual(["a", "b"]);
-  asked[0]?.answer("A");
-  asked[1]?.answer("B");
-  await vi.waitFor(() => expect(told).toEqual([{ value: "B" }]));
+  requests[0]?.resolve("A");
+  requests[1]?.resolve("B");
+  await vi.waitFor(() => expect(results).toEqual([{ value: "B" }]));
 });
 
-test("a failure is told, and the same may be asked again", async () => {
-  const { latest, asked, told, paths } = desk();
-  const why = new Error("no");
-  latest.want("a", false);
-  asked[0]?.refuse(why);
-  await vi.waitFor(() => expect(told).toEqual([{ problem: why }]));
-  latest.want("a", false);
+test("a failure is reported, and the path can be requested again", async () => {
+  const { latest, requests, results, paths } = manualRequests();
+  const error = new Error("no");
+  latest.request("a", false);
+  requests[0]?.reject(error);
+  await vi.waitFor(() => expect(results).toEqual([{ problem: error }]));
+  latest.request("a", false);
   expect(paths()).toEqual(["a", "a"]);
 });
 
-test("nothing is told after the end", async () => {
-  const { latest, asked, told } = desk();
-  latest.want("a", false);
+test("nothing is reported after stop", async () => {
+  const { latest, requests, results } = manualRequests();
+  latest.request("a", false);
   latest.stop();
-  asked[0]?.answer("A");
+  requests[0]?.resolve("A");
   await new Promise((done) => setTimeout(done));
-  expect(told).toEqual([]);
+  expect(results).toEqual([]);
 });

@@ -1,4 +1,4 @@
-/** Prometheus' text form, read; quantiles of what happened between two scrapes. */
+/** Parser of the Prometheus text format, and quantiles between two scrapes. */
 
 export type Labels = Readonly<Record<string, string>>;
 
@@ -8,7 +8,7 @@ export interface Sample {
   value: number;
 }
 
-/** Cumulative counts of a histogram at the upper bounds of its buckets, which rise to infinity. */
+/** Cumulative histogram counts at ascending upper bounds, the last one infinite. */
 export interface Buckets {
   bounds: readonly number[];
   counts: readonly number[];
@@ -19,7 +19,7 @@ const LINE = /^([A-Za-z_:][\w:]*)(?:\{(.*)\})?\s+(\S+)(?:\s+-?\d+)?$/;
 const LABEL = /([A-Za-z_]\w*)="((?:[^"\\]|\\.)*)"/g;
 const ESCAPED: Record<string, string> = { "\\n": "\n", '\\"': '"', "\\\\": "\\" };
 
-/** Samples of the metrics that are `wanted`; lines that are none are passed over. */
+/** Parse samples whose metric name is `wanted`; other lines are skipped. */
 export function parse(text: string, wanted: (name: string) => boolean = () => true): Sample[] {
   const samples: Sample[] = [];
   for (const line of text.split("\n")) {
@@ -46,13 +46,13 @@ function number(text: string): number {
 type Fits = (labels: Labels) => boolean;
 const all: Fits = () => true;
 
-/** Sum of a metric's samples; NaN where there is none. */
+/** Sum of a metric's samples; NaN if there are none. */
 export function total(samples: readonly Sample[], name: string, fits: Fits = all): number {
   const found = samples.filter((sample) => sample.name === name && fits(sample.labels));
   return found.length > 0 ? found.reduce((sum, { value }) => sum + value, 0) : Number.NaN;
 }
 
-/** A histogram, added up over all labels that fit. */
+/** Histogram summed over all matching labels. */
 export function buckets(samples: readonly Sample[], name: string, fits: Fits = all): Buckets {
   const counts = new Map<number, number>();
   for (const { name: each, labels, value } of samples) {
@@ -68,7 +68,7 @@ export function buckets(samples: readonly Sample[], name: string, fits: Fits = a
   };
 }
 
-/** What came to a histogram since an earlier scrape; all of it where the server was started anew between them. */
+/** Increase of a histogram since an earlier scrape; the whole histogram after a server restart. */
 export function since(now: Buckets, before: Buckets): Buckets {
   const was = new Map(before.bounds.map((bound, k) => [bound, before.counts[k] ?? 0]));
   const counts = now.bounds.map((bound, k) => (now.counts[k] ?? 0) - (was.get(bound) ?? 0));
@@ -76,23 +76,23 @@ export function since(now: Buckets, before: Buckets): Buckets {
   return { bounds: now.bounds, counts, sum: now.sum - before.sum };
 }
 
-/** How many there are in a histogram. */
+/** Total count of a histogram. */
 export function countOf({ counts }: Buckets): number {
   return counts.at(-1) ?? 0;
 }
 
-/** NaN where nothing happened. */
+/** Mean value; NaN for an empty histogram. */
 export function mean(of: Buckets): number {
   return countOf(of) > 0 ? of.sum / countOf(of) : Number.NaN;
 }
 
-/** A quantile, linear within its bucket; the last finite bound where it lies beyond, NaN where nothing happened. */
-export function quantile({ bounds, counts }: Buckets, share: number): number {
-  const wanted = share * (counts.at(-1) ?? 0);
-  if (!(wanted > 0)) return Number.NaN;
-  const k = counts.findIndex((count) => count >= wanted);
+/** Quantile, linear within its bucket. Returns the last finite bound beyond it, NaN for an empty histogram. */
+export function quantile({ bounds, counts }: Buckets, fraction: number): number {
+  const rank = fraction * (counts.at(-1) ?? 0);
+  if (!(rank > 0)) return Number.NaN;
+  const k = counts.findIndex((count) => count >= rank);
   const [from, to] = [bounds[k - 1] ?? 0, bounds[k] ?? Number.NaN];
   if (to === Number.POSITIVE_INFINITY) return from;
   const [below, upTo] = [counts[k - 1] ?? 0, counts[k] ?? 0];
-  return from + ((wanted - below) / (upTo - below)) * (to - from);
+  return from + ((rank - below) / (upTo - below)) * (to - from);
 }

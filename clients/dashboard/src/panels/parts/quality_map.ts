@@ -1,4 +1,4 @@
-/** One map: what a method does over a slice, in colours; with the goal, the examples, and the place pointed at. */
+/** One quality map: a method's values over a slice, with goal, examples and pointer position. */
 
 import { h } from "../../shell/dom";
 import { indexOf, PALETTE, type Scale } from "./colours";
@@ -8,11 +8,11 @@ export type Place = readonly [across: number, up: number];
 
 export interface Picture {
   title: string;
-  /** Mean and largest value; or why there is no map. */
+  /** Mean and largest value, or the reason for a missing map. */
   figures: string;
   problem: boolean;
-  /** Whether another map is on its way. */
-  late: boolean;
+  /** Whether a newer map is being loaded. */
+  pending: boolean;
   quality: Quality | null;
   key: "error" | "smoothness";
   scale: Scale;
@@ -20,7 +20,7 @@ export interface Picture {
   dots: readonly Dot[];
   pseudo: readonly Dot[];
   goal: Place | null;
-  /** Whether the slice goes through the goal. */
+  /** Whether the slice contains the goal. */
   through: boolean;
   pointed: Place | null;
 }
@@ -45,10 +45,10 @@ export class QualityMap {
 
   constructor(private readonly acts: MapActs) {
     this.element = h("figure", { className: "map" }, this.title, this.canvas, this.figures);
-    this.canvas.onpointermove = (event) => this.acts.point(this.placeOf(event));
+    this.canvas.onpointermove = (event) => this.acts.point(this.goalSpaceOf(event));
     this.canvas.onpointerleave = () => this.acts.point(null);
     this.canvas.onclick = (event) => {
-      const place = this.placeOf(event);
+      const place = this.goalSpaceOf(event);
       if (place) this.acts.choose(place);
     };
     this.sizes.observe(this.canvas);
@@ -64,7 +64,7 @@ export class QualityMap {
     this.title.textContent = picture.title;
     this.figures.textContent = picture.figures;
     this.figures.classList.toggle("problem", picture.problem);
-    this.element.classList.toggle("late", picture.late);
+    this.element.classList.toggle("pending", picture.pending);
     this.canvas.ariaLabel = `${picture.title}: ${picture.figures}`;
     this.canvas.style.aspectRatio = String(1 / heightOf(picture.slice));
     const { clientWidth: width, clientHeight: height } = this.canvas;
@@ -80,7 +80,7 @@ export class QualityMap {
     this.mark(pen, picture, width, height);
   }
 
-  /** One pixel to a node, then drawn large. */
+  /** Paint one pixel per node and scale it up. */
   private paint(
     pen: CanvasRenderingContext2D,
     quality: Quality,
@@ -120,7 +120,7 @@ export class QualityMap {
     if (pointed) ring(pen, put(...pointed));
   }
 
-  private placeOf({ offsetX, offsetY }: MouseEvent): Place | null {
+  private goalSpaceOf({ offsetX, offsetY }: MouseEvent): Place | null {
     const { picture } = this;
     if (!picture?.quality) return null;
     const { clientWidth, clientHeight } = this.canvas;
@@ -133,7 +133,7 @@ export class QualityMap {
   }
 }
 
-/** Height over width: true to scale where both axes have one unit and that is not too slim. */
+/** Aspect ratio (height / width): to scale if both axes share a unit, within limits. */
 function heightOf({ across, up }: Slice): number {
   if (across === up) return LINE_HEIGHT;
   if (across.unit !== up.unit) return 1;
@@ -155,7 +155,7 @@ function disc(pen: Pen, [x, y]: Point, radius: number, opacity: number): void {
   pen.globalAlpha = 1;
 }
 
-/** White within black: seen on every colour. Short and thin where the goal is not on the slice. */
+/** White on black outline, visible on every colour; smaller if the goal is not on the slice. */
 function cross(pen: Pen, [x, y]: Point, through: boolean): void {
   const arm = through ? 8 : 5;
   pen.beginPath();

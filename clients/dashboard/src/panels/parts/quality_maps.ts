@@ -1,71 +1,71 @@
-/** Maps of error and smoothness over a slice of adverb space: methods side by side, in one scale of colours. */
+/** Maps of error and smoothness over a slice of adverb space, one per method, with a common colour scale. */
 
 import { textOf } from "../../app";
-import { choice, h, offer, toggle } from "../../shell/dom";
-import { methodName } from "../../shell/header";
+import { choice, h, setOptions, toggle } from "../../shell/dom";
+import { methodLabel } from "../../shell/header";
 import type { App, Verb, View } from "../../types";
+import { adverbUnit, digits, errorUnit, kappa, type Unit } from "../../units";
 import { gradient, linearScale, logScale, type Scale } from "./colours";
-import { type Life, soon } from "./disposables";
-import { Latest } from "./latest_request";
+import { type Disposables, throttle } from "./disposables";
+import { LatestRequest } from "./latest_request";
 import { type Picture, type Place, QualityMap } from "./quality_map";
 import { lookUp, NODES, near, type Quality, qualityPath, type Slice, sliceOf } from "./slice";
-import { type HeldRow, heldRows } from "./slice_sliders";
-import { digits, errorUnit, kappa, type Unit } from "./units";
+import { type SliderRow, sliceSliders } from "./slice_sliders";
 
 const AFTER_MS = 80;
-/** Errors below are as good as none: no scale of colours is finer. */
+/** Smallest upper limit of the error scale, in the measure's unit. */
 const FINEST = 0.001;
 
-/** What is drawn: a method, in the version that is served or in another. */
+/** One map: a method of the current version or of another version. */
 interface Cell {
   method: string;
   version: number | null;
   map: QualityMap;
-  source: Latest<Quality>;
+  source: LatestRequest<Quality>;
   quality: Quality | null;
   problem: string;
 }
 
-export class Maps {
+export class QualityMaps {
   readonly element: HTMLElement;
   private readonly across;
   private readonly up;
   private readonly kinds = h("div", { className: "kinds", role: "group", "aria-label": "Map" });
   private readonly follow;
   private readonly methods = h("div", { className: "chips", role: "group", "aria-label": "Methods" });
-  private readonly lacking = h("small", { className: "lacking" });
-  private readonly held = h("div", { className: "adverbs" });
+  private readonly unavailable = h("small", { className: "unavailable" });
+  private readonly fixed = h("div", { className: "adverbs" });
   private readonly grid = h("div", { className: "maps" });
   private readonly bar = h("div", { className: "ramp", style: `background: ${gradient()}` });
   private readonly ticks = h("div", { className: "ramp-ticks" });
   private readonly caption = h("small", {});
-  private readonly said = h("output", { className: "pointed", "aria-live": "off" });
-  private rows: HeldRow[] = [];
+  private readonly status = h("output", { className: "pointed", "aria-live": "off" });
+  private rows: SliderRow[] = [];
   private cells: Cell[] = [];
   private slice: Slice | null = null;
   private pointed: Place | null = null;
   private shape = "";
-  private readonly asking = soon(AFTER_MS, () => this.ask());
+  private readonly mapRequests = throttle(AFTER_MS, () => this.requestMaps());
   private frame = 0;
 
   constructor(
     private readonly app: App,
-    life: Life,
+    disposables: Disposables,
   ) {
     const { store } = app;
-    this.across = choice("Across", [], (name) => this.turn({ across: name }));
-    this.up = choice("Up", [], (name) => this.turn({ up: name }));
-    for (const [map, text] of MAPS) {
+    this.across = choice("X axis", [], (name) => this.setAxes({ across: name }));
+    this.up = choice("Y axis", [], (name) => this.setAxes({ up: name }));
+    for (const [map, text] of MAP_KINDS) {
       const onclick = () => store.change({ map });
       this.kinds.append(h("button", { type: "button", "data-map": map, onclick }, text));
     }
-    this.follow = toggle("Through the goal", (on) => store.change({ slice: on ? null : store.view.goal }));
+    this.follow = toggle("Slice through the goal", (on) => store.change({ slice: on ? null : store.view.goal }));
     this.element = this.layOut();
-    life.add(
+    disposables.add(
       app.on("verb", () => this.show()),
       store.on(["across", "up"], () => this.show()),
-      store.on(["goal", "slice"], () => this.moved()),
-      store.on(["against", "maps"], () => this.choose(this.chosen)),
+      store.on(["goal", "slice"], () => this.updateSlice()),
+      store.on(["compare", "maps"], () => this.choose(this.chosen)),
       store.on(["map", "pseudo"], () => this.draw()),
       () => this.end(),
     );
@@ -75,16 +75,16 @@ export class Maps {
   private layOut(): HTMLElement {
     const axes = h("div", { className: "axes" }, this.across.element, this.up.element);
     const legend = h("div", { className: "legend" }, this.caption, this.bar, this.ticks);
-    const around = h("div", { className: "slice" }, this.follow.element);
+    const sliceRow = h("div", { className: "slice" }, this.follow.element);
     return h(
       "section",
-      { className: "quality-maps", "aria-label": "Maps" },
-      ...[this.kinds, axes, this.methods, this.grid, this.said, legend, around, this.held, this.lacking],
+      { className: "quality-maps", "aria-label": "QualityMaps" },
+      ...[this.kinds, axes, this.methods, this.grid, this.status, legend, sliceRow, this.fixed, this.unavailable],
     );
   }
 
   private end(): void {
-    this.asking.stop();
+    this.mapRequests.stop();
     cancelAnimationFrame(this.frame);
     for (const cell of this.cells) drop(cell);
   }
@@ -103,13 +103,13 @@ export class Maps {
     return [...new Set(shown)];
   }
 
-  /** Another verb, another version of it, or other axes. */
+  /** Rebuild for another verb, version or pair of axes. */
   private show(): void {
     const { verb } = this;
     this.element.hidden = verb === null;
     if (!verb) return;
     const names = verb.adverbs.map(({ name }) => [name, name] as const);
-    for (const { select } of [this.across, this.up]) offer(select, names);
+    for (const { select } of [this.across, this.up]) setOptions(select, names);
     this.slice = sliceOf(verb, this.app.store.view, this.at());
     if (!this.slice) return;
     this.across.select.value = this.slice.across.name;
@@ -117,21 +117,21 @@ export class Maps {
     const line = this.slice.across === this.slice.up;
     this.up.element.hidden = line;
     this.grid.classList.toggle("lines", line);
-    this.follow.element.hidden = this.slice.held.length === 0;
+    this.follow.element.hidden = this.slice.fixed.length === 0;
     this.follow.box.checked = this.app.store.view.slice === null;
-    this.rows = heldRows(this.slice, (name, value) => this.drag(name, value));
-    this.held.replaceChildren(...this.rows.map(({ element }) => element));
-    this.lacking.textContent = lackingText(verb);
+    this.rows = sliceSliders(this.slice, (name, value) => this.drag(name, value));
+    this.fixed.replaceChildren(...this.rows.map(({ element }) => element));
+    this.unavailable.textContent = unavailableText(verb);
     this.choose(this.chosen);
   }
 
-  /** Held adverbs come from the goal, or from where the slice was dragged. */
+  /** Values of the fixed adverbs: from the goal, or from the slice sliders. */
   private at(): Readonly<Record<string, number>> {
     const { goal, slice } = this.app.store.view;
     return { ...goal, ...slice };
   }
 
-  private turn(axes: { across?: string; up?: string }): void {
+  private setAxes(axes: { across?: string; up?: string }): void {
     const { slice } = this;
     if (!slice) return;
     const next = { across: slice.across.name, up: slice.up.name, ...axes };
@@ -145,36 +145,36 @@ export class Maps {
     store.change(slice ? { slice: { ...slice, [name]: value } } : { goal: { ...goal, [name]: value } });
   }
 
-  private moved(): void {
+  private updateSlice(): void {
     const { verb } = this;
     if (!verb) return;
     this.slice = sliceOf(verb, this.app.store.view, this.at());
     if (!this.slice) return;
     this.follow.box.checked = this.app.store.view.slice === null;
-    this.slice.held.forEach(([, value], k) => {
+    this.slice.fixed.forEach(([, value], k) => {
       this.rows[k]?.show(value);
     });
-    this.asking.ask();
+    this.mapRequests.schedule();
     this.draw();
   }
 
-  /** Maps of these methods; beside another version each is there twice. */
+  /** Show maps of these methods; a compared version adds a second map per method. */
   private choose(methods: readonly string[]): void {
     const { verb } = this;
     if (!verb) return;
     this.methods.replaceChildren(...verb.methods.map((method) => this.chip(method, methods)));
-    const { against } = this.app.store.view;
-    const others = against.kind === "version" && against.version !== verb.version ? [against.version] : [];
+    const { compare } = this.app.store.view;
+    const others = compare.kind === "version" && compare.version !== verb.version ? [compare.version] : [];
     const versions = [null, ...others];
-    const wanted = methods.flatMap((method) => versions.map((version) => ({ method, version })));
+    const selected = methods.flatMap((method) => versions.map((version) => ({ method, version })));
     const before = this.cells;
-    this.cells = wanted.map(({ method, version }) => {
+    this.cells = selected.map(({ method, version }) => {
       const known = before.find((cell) => cell.method === method && cell.version === version);
       return known ?? this.cell(method, version);
     });
     for (const cell of before) if (!this.cells.includes(cell)) drop(cell);
     this.grid.replaceChildren(...this.cells.map(({ map }) => map.element));
-    this.ask();
+    this.requestMaps();
     this.draw();
   }
 
@@ -183,12 +183,12 @@ export class Maps {
     const others = on ? chosen.filter((each) => each !== method) : [...chosen, method];
     const ordered = this.verb?.methods.filter((each) => others.includes(each)) ?? [];
     const onclick = () => ordered.length > 0 && this.app.store.change({ maps: ordered });
-    return h("button", { type: "button", className: "chip", "aria-pressed": String(on), onclick }, methodName(method));
+    return h("button", { type: "button", className: "chip", "aria-pressed": String(on), onclick }, methodLabel(method));
   }
 
   private cell(method: string, version: number | null): Cell {
-    const map = new QualityMap({ point: (place) => this.point(place), choose: (place) => this.aim(place) });
-    const source = new Latest<Quality>(
+    const map = new QualityMap({ point: (place) => this.point(place), choose: (place) => this.setGoal(place) });
+    const source = new LatestRequest<Quality>(
       (path, signal) => this.app.rest.json(path, { signal }),
       (answer) => {
         cell.problem = "problem" in answer ? textOf(answer.problem) : "";
@@ -200,7 +200,7 @@ export class Maps {
     return cell;
   }
 
-  private ask(): void {
+  private requestMaps(): void {
     const { verb, slice } = this;
     if (!verb || !slice) return;
     const shape = JSON.stringify([verb.name, verb.version, slice.across.name, slice.up.name]);
@@ -208,7 +208,7 @@ export class Maps {
     this.shape = shape;
     for (const cell of this.cells) {
       if (other) cell.quality = null;
-      cell.source.want(qualityPath(verb.name, slice, cell.method, cell.version ?? verb.version), other);
+      cell.source.request(qualityPath(verb.name, slice, cell.method, cell.version ?? verb.version), other);
     }
     this.draw();
   }
@@ -218,16 +218,16 @@ export class Maps {
     this.draw();
   }
 
-  private aim([across, up]: Place): void {
+  private setGoal([across, up]: Place): void {
     const { slice, app } = this;
     if (!slice) return;
-    const held = slice.held.map(([{ name }, value]) => [name, value]);
-    const values = [...held, [slice.across.name, across], ...(slice.up === slice.across ? [] : [[slice.up.name, up]])];
+    const fixed = slice.fixed.map(([{ name }, value]) => [name, value]);
+    const values = [...fixed, [slice.across.name, across], ...(slice.up === slice.across ? [] : [[slice.up.name, up]])];
     const rounded = values.map(([name, value]) => [name, Number(Number(value).toFixed(4))]);
     app.store.change({ goal: { ...app.store.view.goal, ...Object.fromEntries(rounded) } });
   }
 
-  /** Everything that is seen, once per frame at most. */
+  /** Redraw at most once per animation frame. */
   private draw(): void {
     cancelAnimationFrame(this.frame);
     this.frame = requestAnimationFrame(() => this.paint());
@@ -251,12 +251,12 @@ export class Maps {
     this.caption.parentElement?.toggleAttribute("hidden", none);
     const common = this.common(verb, slice, view, scale);
     for (const cell of this.cells) cell.map.draw({ ...common, ...pictureOf(cell, view.map, unit) });
-    this.tell(slice, view.map, unit);
+    this.describePointer(slice, view.map, unit);
   }
 
   private common(verb: Verb, slice: Slice, view: View, scale: Scale) {
     const { [slice.across.name]: across, [slice.up.name]: up } = view.goal;
-    const through = slice.held.every(([adverb, value]) => {
+    const through = slice.fixed.every(([adverb, value]) => {
       return Math.abs((view.goal[adverb.name] ?? value) - value) <= (adverb.max - adverb.min) / 200;
     });
     return {
@@ -272,25 +272,27 @@ export class Maps {
   }
 
   private legend(map: View["map"], scale: Scale, unit: Unit): void {
-    this.caption.textContent = map === "error" ? `Error, ${unit.text}` : `κ of the weights, ${NODES} nodes to a side`;
-    const words = scale.ticks.map((tick) => (map === "error" ? digits(tick, 0) : kappa(tick)));
-    this.ticks.replaceChildren(...words.map((word) => h("span", {}, word)));
+    this.caption.textContent = map === "error" ? `Error, ${unit.text}` : `κ of the weights, ${NODES} nodes per side`;
+    const texts = scale.ticks.map((tick) => (map === "error" ? digits(tick, 0) : kappa(tick)));
+    this.ticks.replaceChildren(...texts.map((text) => h("span", {}, text)));
   }
 
-  /** What lies under the pointer, by all methods. */
-  private tell(slice: Slice, key: View["map"], unit: Unit): void {
+  /** Values of all maps under the pointer. */
+  private describePointer(slice: Slice, key: View["map"], unit: Unit): void {
     const { pointed } = this;
     const axes = slice.across === slice.up ? [slice.across] : [slice.across, slice.up];
     if (!pointed) {
-      this.said.textContent = axes.map((adverb, k) => axisText(k === 0 ? "→" : "↑", adverb)).join("   ");
+      this.status.textContent = axes.map((adverb, k) => axisText(k === 0 ? "→" : "↑", adverb)).join("   ");
       return;
     }
-    const place = axes.map(({ name }, k) => `${name} ${digits(pointed[k] ?? Number.NaN)}`).join(", ");
+    const place = axes
+      .map((adverb, k) => `${adverb.name} ${adverbText(pointed[k] ?? Number.NaN, adverb.unit)}`)
+      .join(", ");
     const values = this.cells.map((cell) => {
       const value = cell.quality && lookUp(cell.quality, key, ...pointed);
       return `${titleOf(cell)} ${value === null ? "–" : key === "error" ? inUnit(value, unit) : kappa(value)}`;
     });
-    this.said.textContent = `${place}: ${values.join(" · ")}`;
+    this.status.textContent = `${place}: ${values.join(" · ")}`;
   }
 }
 
@@ -298,7 +300,7 @@ function inUnit(value: number, { text, factor }: Unit): string {
   return `${digits(value * factor)} ${text}`;
 }
 
-const MAPS = [
+const MAP_KINDS = [
   ["error", "Error"],
   ["smoothness", "Smoothness κ"],
 ] as const;
@@ -309,38 +311,44 @@ function drop(cell: Cell): void {
 }
 
 function titleOf({ method, version }: Pick<Cell, "method" | "version">): string {
-  return version === null ? methodName(method) : `${methodName(method)}, version ${version}`;
+  return version === null ? methodLabel(method) : `${methodLabel(method)}, version ${version}`;
 }
 
 function pictureOf(
   cell: Cell,
   key: View["map"],
   unit: Unit,
-): Pick<Picture, "title" | "figures" | "problem" | "late" | "quality"> {
+): Pick<Picture, "title" | "figures" | "problem" | "pending" | "quality"> {
   const { quality, problem } = cell;
   const [mean, max] = [quality?.[`${key}_mean`] ?? null, quality?.[`${key}_max`] ?? null];
   const text = (value: number | null) => (key === "error" ? digits((value ?? Number.NaN) * unit.factor) : kappa(value));
-  const none = key === "error" ? "nothing is measured here" : "no node has all its neighbours inside";
+  const none = key === "error" ? "no measured goal" : "no node with all neighbours inside the domain";
   const after = key === "error" ? ` ${unit.text}` : "";
-  const figures = !quality ? "measuring…" : mean === null ? none : `mean ${text(mean)}, max ${text(max)}${after}`;
+  const figures = !quality ? "Computing…" : mean === null ? none : `mean ${text(mean)}, max ${text(max)}${after}`;
   return {
     title: titleOf(cell),
     figures: problem || figures,
     problem: problem !== "",
-    late: cell.source.late,
+    pending: cell.source.pending,
     quality,
   };
 }
 
 function axisText(arrow: string, { name, min, max, unit }: Slice["across"]): string {
-  return `${arrow} ${name} ${digits(min)} to ${digits(max)} ${unit}`;
+  const { text, factor } = adverbUnit(unit);
+  return `${arrow} ${name} ${digits(min * factor)} to ${digits(max * factor)} ${text}`;
 }
 
-/** Why some methods are not offered. */
-function lackingText({ methods, measure }: Verb): string {
-  const lacks = (...names: string[]) => names.filter((name) => !methods.includes(name)).map(methodName);
+function adverbText(value: number, unit: string): string {
+  const { text, factor } = adverbUnit(unit);
+  return `${digits(value * factor)} ${text}`;
+}
+
+/** Reason why some methods are unavailable. */
+function unavailableText({ methods, measure }: Verb): string {
+  const missing = (...names: string[]) => names.filter((name) => !methods.includes(name)).map(methodLabel);
   if (measure.kind === "none")
-    return `${lacks("search", "hybrid", "corrected").join(", ")}: not here, since nothing is measured on this verb.`;
-  const waiting = lacks("refined", "hybrid");
-  return waiting.length > 0 ? `${waiting.join(", ")}: after a refinement, which places pseudo-examples.` : "";
+    return `${missing("search", "hybrid", "corrected").join(", ")}: unavailable, since this verb has no measured goal.`;
+  const later = missing("refined", "hybrid");
+  return later.length > 0 ? `${later.join(", ")}: available after a refinement.` : "";
 }

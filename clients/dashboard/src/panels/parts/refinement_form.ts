@@ -1,4 +1,4 @@
-/** What a refinement should come to. */
+/** Form for a new refinement. */
 
 import { choice, h, toggle } from "../../shell/dom";
 import type { RefinementRequest } from "../../types";
@@ -15,29 +15,29 @@ const METHODS = [
   ["hybrid", "hybrid"],
 ] as const;
 
-/** The form; `start` is called with what was asked, and the form waits for it. */
-export function refinementForm(start: (asked: Partial<RefinementRequest>) => Promise<void>): HTMLElement {
+/** The form; its button is disabled until `start` resolves. */
+export function refinementForm(start: (request: Partial<RefinementRequest>) => Promise<void>): HTMLElement {
   const target = field("Target error, %", { min: 0.01, max: 100, step: 0.01, value: 1 });
-  target.element.title = "Largest error at which to stop, as a share of the diagonal of the examples' goals";
-  const most = field("Most pseudo-examples", { min: 0, max: 2000, step: 1, value: 300 });
-  const seconds = field("Most seconds", { min: 1, max: 604_800, step: 1, value: 600 });
-  const method = choice("Judged by", METHODS, () => {});
-  const traffic = toggle("Weighted by traffic", () => {});
-  traffic.element.title = "Look first where the verb is asked for";
+  target.element.title = "Stop below this largest error, relative to the diagonal of the goal range";
+  const limit = field("Max. pseudo-examples", { min: 0, max: 2000, step: 1, value: 300 });
+  const seconds = field("Time limit, s", { min: 1, max: 604_800, step: 1, value: 600 });
+  const method = choice("Evaluate with", METHODS, () => {});
+  const usage = toggle("Weight by usage", () => {});
+  usage.element.title = "Place pseudo-examples first where clients request the verb";
   const button = h("button", { type: "submit", className: "primary" }, "Start");
   const onsubmit = async (event: Event) => {
     event.preventDefault();
     button.disabled = true;
     await start({
       target_error: target.input.valueAsNumber / 100,
-      max_pseudo: most.input.valueAsNumber,
+      max_pseudo: limit.input.valueAsNumber,
       budget_s: seconds.input.valueAsNumber,
       method: method.select.value === "hybrid" ? "hybrid" : "refined",
-      weighted_by_traffic: traffic.box.checked,
+      weighted_by_traffic: usage.box.checked,
     });
     button.disabled = false;
   };
-  const fields = [target.element, most.element, seconds.element, method.element, traffic.element, button];
+  const fields = [target.element, limit.element, seconds.element, method.element, usage.element, button];
   return h("form", { className: "refine", onsubmit }, ...fields);
 }
 

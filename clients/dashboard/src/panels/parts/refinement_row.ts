@@ -1,12 +1,13 @@
-/** One refinement: how far it is, how its error fell, and how it ended. */
+/** One refinement: progress, error curve and result. */
 
 import { h } from "../../shell/dom";
+import { methodLabel } from "../../shell/header";
 import type { App, Refinement } from "../../types";
 import { Chart } from "./chart";
-import { ago, courseOf, percent, running, stateText } from "./labels";
+import { ageText, detailText, percent, progressOf, running, stateText } from "./labels";
 
-/** Where nothing was heard of a refinement for so long, it is asked for. */
-const SILENCE_MS = 5000;
+/** Poll a refinement after this long without an event. */
+const POLL_AFTER_MS = 5000;
 
 const CURVE = {
   title: "Error by pseudo-examples",
@@ -15,36 +16,36 @@ const CURVE = {
     { label: "mean", colour: "--quiet" },
     { label: "target", colour: "--good", dash: [4, 4] },
   ],
-  say: (share: number | null | undefined) => (share ? percent(share) : "–"),
+  format: (share: number | null | undefined) => (share ? percent(share) : "–"),
   tick: (share: number) => percent(share),
   log: true,
 };
 
-export class Course {
+export class RefinementRow {
   readonly element: HTMLElement;
   refinement: Refinement;
-  private readonly state = h("span", { className: "course-state" });
+  private readonly state = h("span", { className: "refinement-state" });
   private readonly when = h("time", { className: "quiet" });
-  private readonly note = h("small", {});
+  private readonly note = h("small", { className: "refinement-note" });
   private readonly bar = h("progress", { max: 1, "aria-label": "Refinement" });
   private readonly stop = h("button", { type: "button", onclick: () => void this.cancel() }, "Cancel");
-  private readonly body = h("div", { className: "course-body" });
+  private readonly body = h("div", { className: "refinement-body" });
   private chart: Chart | null = null;
   private unfollow = () => {};
   private timer: ReturnType<typeof setInterval> | undefined;
-  private heardMs = performance.now();
+  private updatedMs = performance.now();
 
   constructor(
     private readonly app: App,
     refinement: Refinement,
-    private readonly fail: (err: unknown) => void,
+    private readonly onError: (err: unknown) => void,
   ) {
     this.refinement = refinement;
     const about = h("summary", {}, this.state, this.when);
-    const details = h("details", { className: "course", open: running(refinement) }, about, this.body);
+    const details = h("details", { className: "refinement-row", open: running(refinement) }, about, this.body);
     details.ontoggle = () => this.draw();
     this.element = details;
-    this.body.append(h("div", { className: "course-run" }, this.bar, this.stop), this.note);
+    this.body.append(h("div", { className: "refinement-run" }, this.bar, this.stop), this.note);
     if (running(refinement)) this.follow();
     this.show(refinement);
   }
@@ -56,45 +57,45 @@ export class Course {
   show(refinement: Refinement): void {
     const ended = running(this.refinement) && !running(refinement);
     this.refinement = refinement;
-    this.heardMs = performance.now();
+    this.updatedMs = performance.now();
     this.state.textContent = stateText(refinement);
     this.element.dataset.state = refinement.state;
     this.age();
     this.when.title = new Date(1000 * refinement.created_at).toLocaleString();
-    const { ratio, note } = courseOf(refinement);
+    const { ratio, note } = progressOf(refinement);
     if (refinement.state === "queued") this.bar.removeAttribute("value");
     else this.bar.value = ratio;
     this.bar.parentElement?.toggleAttribute("hidden", !running(refinement));
-    this.note.textContent = [askedText(refinement), note].filter(Boolean).join("; ");
+    this.note.textContent = [detailText(refinement), requestText(refinement), note].filter(Boolean).join("\n");
     this.draw();
     if (!ended) return;
-    this.quit();
+    this.unsubscribe();
     if (refinement.state === "published") void this.app.reload();
   }
 
   age(): void {
-    this.when.textContent = ago(Date.now() / 1000 - this.refinement.created_at);
+    this.when.textContent = ageText(Date.now() / 1000 - this.refinement.created_at);
   }
 
   dispose(): void {
-    this.quit();
+    this.unsubscribe();
     this.chart?.dispose();
     this.element.remove();
   }
 
-  /** By events; where they fail to come, by asking. */
+  /** Follow by server-sent events; poll if none arrive. */
   private follow(): void {
     this.unfollow = this.app.rest.follow(this.id, (refinement) => this.show(refinement));
     this.timer = setInterval(() => {
-      if (performance.now() - this.heardMs < SILENCE_MS) return;
+      if (performance.now() - this.updatedMs < POLL_AFTER_MS) return;
       this.app.rest.refinement(this.id).then(
         (refinement) => running(this.refinement) && this.show(refinement),
-        () => {}, // asked again
+        () => {}, // the next poll retries
       );
-    }, SILENCE_MS);
+    }, POLL_AFTER_MS);
   }
 
-  private quit(): void {
+  private unsubscribe(): void {
     this.unfollow();
     clearInterval(this.timer);
   }
@@ -104,20 +105,20 @@ export class Course {
     try {
       this.show(await this.app.rest.cancel(this.id));
     } catch (err) {
-      this.fail(err);
+      this.onError(err);
     }
     this.stop.disabled = false;
   }
 
   private draw(): void {
-    const { curve } = courseOf(this.refinement);
+    const { curve } = progressOf(this.refinement);
     const open = this.element instanceof HTMLDetailsElement && this.element.open;
     if (!open || curve.length < 2) return;
     if (!this.chart) {
       this.chart = new Chart(CURVE);
       this.body.prepend(this.chart.element);
     }
-    const target = Number(this.refinement.asked.target_error) || null;
+    const target = Number(this.refinement.request.target_error) || null;
     const column = (k: 1 | 2) => curve.map((row) => row[k] || null);
     this.chart.show(
       curve.map(([pseudo]) => pseudo),
@@ -126,8 +127,8 @@ export class Course {
   }
 }
 
-function askedText({ asked }: Refinement): string {
-  const { target_error, max_pseudo, budget_s, method, weighted_by_traffic } = asked;
-  const traffic = weighted_by_traffic ? ", weighted by traffic" : "";
-  return `Asked: ${percent(Number(target_error))}, ${max_pseudo} pseudo-examples, ${budget_s} s, ${method}${traffic}`;
+function requestText({ request }: Refinement): string {
+  const { target_error, max_pseudo, budget_s, method, weighted_by_traffic } = request;
+  const usage = weighted_by_traffic ? ", weighted by usage" : "";
+  return `Target ${percent(Number(target_error))}, ${max_pseudo} pseudo-examples, ${budget_s} s, evaluated with ${methodLabel(String(method))}${usage}`;
 }

@@ -1,12 +1,12 @@
-/** Refinements of the verb: one is asked for, those that run are followed, those that ended say how. */
+/** Refinements of the verb: start one, follow running ones, show results. */
 
 import { Problem } from "../../api/rest";
 import { textOf } from "../../app";
 import { h } from "../../shell/dom";
 import type { App, Refinement, RefinementRequest } from "../../types";
-import type { Life } from "./disposables";
+import type { Disposables } from "./disposables";
 import { refinementForm } from "./refinement_form";
-import { Course } from "./refinement_row";
+import { RefinementRow } from "./refinement_row";
 
 const MOST = 6;
 const AGE_MS = 30_000;
@@ -14,19 +14,19 @@ const AGE_MS = 30_000;
 export class Refinements {
   readonly element: HTMLElement;
   private readonly failure = h("p", { className: "failure", role: "alert", hidden: true });
-  private readonly list = h("div", { className: "courses" });
-  private readonly form = refinementForm((asked) => this.start(asked));
-  private courses: Course[] = [];
+  private readonly list = h("div", { className: "refinement-list" });
+  private readonly form = refinementForm((request) => this.start(request));
+  private rows: RefinementRow[] = [];
   private verb = "";
 
   constructor(
     private readonly app: App,
-    private readonly life: Life,
+    private readonly disposables: Disposables,
   ) {
     const parts = [h("h2", {}, "Refinement"), this.form, this.failure, this.list];
     this.element = h("section", { "aria-label": "Refinement" }, ...parts);
     const timer = setInterval(() => this.age(), AGE_MS);
-    life.add(
+    disposables.add(
       () => clearInterval(timer),
       app.store.on(["verb"], () => void this.load()),
       () => this.clear(),
@@ -35,11 +35,11 @@ export class Refinements {
   }
 
   private age(): void {
-    for (const course of this.courses) course.age();
+    for (const row of this.rows) row.age();
   }
 
   private clear(): void {
-    for (const course of this.courses.splice(0)) course.dispose();
+    for (const row of this.rows.splice(0)) row.dispose();
     this.failure.hidden = true;
     this.form.hidden = false;
   }
@@ -49,7 +49,7 @@ export class Refinements {
     if (verb === this.verb || !verb) return;
     this.clear();
     this.verb = verb;
-    const stale = () => this.life.over || this.verb !== verb;
+    const stale = () => this.disposables.disposed || this.verb !== verb;
     try {
       const known = await this.app.rest.refinements({ verb, limit: MOST });
       if (!stale()) for (const each of known.reverse()) this.put(each);
@@ -58,24 +58,24 @@ export class Refinements {
     }
   }
 
-  private async start(asked: Partial<RefinementRequest>): Promise<void> {
+  private async start(request: Partial<RefinementRequest>): Promise<void> {
     const { verb } = this;
     this.failure.hidden = true;
     try {
-      const begun = await this.app.rest.refine(verb, asked);
-      if (!this.life.over && this.verb === verb) this.put(begun);
+      const started = await this.app.rest.refine(verb, request);
+      if (!this.disposables.disposed && this.verb === verb) this.put(started);
     } catch (err) {
       this.fail(err);
     }
   }
 
   private put(refinement: Refinement): void {
-    const known = this.courses.find(({ id }) => id === refinement.id);
+    const known = this.rows.find(({ id }) => id === refinement.id);
     if (known) return known.show(refinement);
-    const course = new Course(this.app, refinement, (err) => this.fail(err));
-    this.courses.unshift(course);
-    this.list.prepend(course.element);
-    for (const old of this.courses.splice(MOST)) old.dispose();
+    const row = new RefinementRow(this.app, refinement, (err) => this.fail(err));
+    this.rows.unshift(row);
+    this.list.prepend(row.element);
+    for (const old of this.rows.splice(MOST)) old.dispose();
   }
 
   private fail(err: unknown): void {

@@ -22,21 +22,21 @@ adverb_pose_error_meters_sum{method="rbf",verb="arm3",version="1"} 9
 `;
 }
 
-const measures = between(scrapeOf(text(10), 100), scrapeOf(text(12), 102));
+const metrics = between(scrapeOf(text(10), 100), scrapeOf(text(12), 102));
 
-test("counters become rates, gauges stay", () => {
-  expect(measures).toMatchObject({ framesPerS: 60, droppedPerS: 1, posesPerS: 150, streams: 2, characters: 5 });
+test("counters become rates, gauges are kept", () => {
+  expect(metrics).toMatchObject({ framesPerS: 60, droppedPerS: 1, posesPerS: 150, streams: 2, characters: 5 });
 });
 
-test("requests that are followed for long are no latency", () => {
-  expect(measures.requests).toEqual([0.005, expect.closeTo(0.0095), expect.closeTo(0.0099)]);
+test("event streams are excluded from the latency", () => {
+  expect(metrics.requests).toEqual([0.005, expect.closeTo(0.0095), expect.closeTo(0.0099)]);
 });
 
-test("the error of a verb is the mean of what came since; none where nothing came", () => {
-  expect(measures.errors.get("reach")).toBeCloseTo(0.2);
-  expect(measures.errors.get("arm3")).toBeNaN();
+test("the error of a verb is the mean since the last scrape, NaN without data", () => {
+  expect(metrics.errors.get("reach")).toBeCloseTo(0.2);
+  expect(metrics.errors.get("arm3")).toBeNaN();
 });
 
-test("a server that was started anew has no negative rates", () => {
+test("a server restart gives no negative rates", () => {
   expect(between(scrapeOf(text(12), 100), scrapeOf(text(1), 102)).framesPerS).toBe(0);
 });

@@ -1,4 +1,4 @@
-/** What the server's metrics say of the time between two scrapes. */
+/** Rates and quantiles of the server's metrics between two scrapes. */
 
 import { type Buckets, buckets, mean, parse, quantile, since, total } from "./prometheus";
 
@@ -13,12 +13,12 @@ export interface Scrape {
   poses: number;
   streams: number;
   characters: number;
-  /** By verb: how far poses were from what was asked. */
+  /** Error histograms by verb. */
   errors: ReadonlyMap<string, Buckets>;
 }
 
-/** Seconds, counts per second, metres; NaN where nothing happened. */
-export interface Measures {
+/** Seconds, counts per second, metres; NaN without data. */
+export interface ServerMetrics {
   atS: number;
   requests: Quantiles;
   frameLateness: Quantiles;
@@ -44,7 +44,7 @@ const NAMES = [
   "adverb_channels",
 ] as const;
 
-/** Requests that are meant to be quick: events are followed for as long as they last. */
+/** Excludes event streams, whose duration is not a latency. */
 function quick({ route = "" }: Readonly<Record<string, string>>): boolean {
   return route.startsWith("/v1/") && !route.endsWith("/events");
 }
@@ -73,7 +73,7 @@ export function scrapeOf(text: string, atS: number): Scrape {
   };
 }
 
-export function between(before: Scrape, now: Scrape): Measures {
+export function between(before: Scrape, now: Scrape): ServerMetrics {
   const seconds = now.atS - before.atS;
   const rate = (key: "frames" | "dropped" | "poses") => Math.max(now[key] - before[key], 0) / seconds;
   const late = (key: "requests" | "frameLateness" | "loopLateness") => quantiles(since(now[key], before[key]));

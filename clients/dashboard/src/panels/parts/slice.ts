@@ -1,4 +1,4 @@
-/** A plane through the space of adverbs: two of them on the axes, the others held. */
+/** A two-dimensional slice of adverb space; the other adverbs are fixed. */
 
 import type { components } from "../../generated/schema";
 import type { Verb } from "../../types";
@@ -7,42 +7,42 @@ export type Quality = components["schemas"]["QualityAnswer"];
 type Named = Readonly<Record<string, number>>;
 type Adverb = Verb["adverbs"][number];
 
-/** Nodes to a side; κ is only comparable between maps of one grid. */
+/** Nodes per side; κ is comparable only between maps of one grid. */
 export const NODES = 41;
 
 const DIGITS = 3;
 
-/** Examples that are further from the slice than this share of a held adverb's range are not shown with it. */
+/** Examples are shown up to this distance from the slice, relative to a fixed adverb's range. */
 const NEAR = 0.12;
 
 export interface Slice {
-  /** The same adverb twice where the verb has but one. */
+  /** Equal to `up` if the verb has one adverb. */
   across: Adverb;
   up: Adverb;
   /** In the verb's order. */
-  held: readonly (readonly [Adverb, number])[];
+  fixed: readonly (readonly [Adverb, number])[];
 }
 
-/** The slice whose axes are named, or the first adverbs, at the held adverbs' values in `at`, or at mid-range. */
+/** Slice with the named axes (default: the first two adverbs) and the fixed adverbs at `at` (default: mid-range). */
 export function sliceOf(verb: Verb, names: { across: string; up: string }, at: Named): Slice | null {
   const { adverbs } = verb;
   const named = (name: string) => adverbs.find((adverb) => adverb.name === name);
-  const wanted = named(names.up);
-  const across = named(names.across) ?? adverbs.find((adverb) => adverb !== wanted) ?? adverbs[0];
+  const namedUp = named(names.up);
+  const across = named(names.across) ?? adverbs.find((adverb) => adverb !== namedUp) ?? adverbs[0];
   if (!across) return null;
-  const up = wanted && wanted !== across ? wanted : (adverbs.find((adverb) => adverb !== across) ?? across);
+  const up = namedUp && namedUp !== across ? namedUp : (adverbs.find((adverb) => adverb !== across) ?? across);
   const others = adverbs.filter((adverb) => adverb !== across && adverb !== up);
-  return { across, up, held: others.map((adverb) => [adverb, within(adverb, at[adverb.name])] as const) };
+  return { across, up, fixed: others.map((adverb) => [adverb, within(adverb, at[adverb.name])] as const) };
 }
 
 function within({ min, max }: Adverb, value: number | undefined): number {
   return value === undefined ? (min + max) / 2 : Math.min(Math.max(value, min), max);
 }
 
-/** Where the server tells a method's maps over a slice; of the current version unless another is named. */
+/** Path of the quality route for a slice and a method. */
 export function qualityPath(verb: string, slice: Slice, method: string, version: number | null): string {
   const words = new URLSearchParams({ method, across: slice.across.name, up: slice.up.name, nodes: String(NODES) });
-  const at = slice.held.map(([{ name }, value]) => `${name}=${value.toFixed(DIGITS)}`).join();
+  const at = slice.fixed.map(([{ name }, value]) => `${name}=${value.toFixed(DIGITS)}`).join();
   if (at) words.set("at", at);
   if (version !== null) words.set("version", String(version));
   return `/v1/verbs/${encodeURIComponent(verb)}/quality?${words}`;
@@ -51,14 +51,14 @@ export function qualityPath(verb: string, slice: Slice, method: string, version:
 export interface Dot {
   across: number;
   up: number;
-  /** 1 on the slice, 0 where it is too far away to be shown. */
+  /** 1 on the slice, 0 at the limit of visibility. */
   near: number;
 }
 
-/** Those of some points in adverb space that lie near a slice. */
+/** The points near a slice. */
 export function near(slice: Slice, points: readonly { adverbs: Named }[]): Dot[] {
   const dots = points.map(({ adverbs }) => {
-    const apart = slice.held.map(
+    const apart = slice.fixed.map(
       ([{ name, min, max }, value]) => Math.abs((adverbs[name] ?? value) - value) / (max - min || 1),
     );
     return {
@@ -70,17 +70,17 @@ export function near(slice: Slice, points: readonly { adverbs: Named }[]): Dot[]
   return dots.filter((dot) => dot.near > 0 && Number.isFinite(dot.across) && Number.isFinite(dot.up));
 }
 
-/** Where a value lies among a map's nodes, as a share of its side; nodes are the middles of cells. */
+/** Position of a value along a map's side, 0–1; nodes are cell centres. */
 export function share({ min, max }: Adverb, value: number, nodes: number): number {
   return (((value - min) / (max - min || 1)) * (nodes - 1) + 0.5) / nodes;
 }
 
-/** The value at a share of a map's side. */
+/** Value at a position along a map's side; inverse of `share`. */
 export function valueAt({ min, max }: Adverb, at: number, nodes: number): number {
   return min + Math.min(Math.max((at * nodes - 0.5) / (nodes - 1 || 1), 0), 1) * (max - min);
 }
 
-/** What a map says at a place; null outside the domain. */
+/** Map value at the nearest node; null outside the domain. */
 export function lookUp(quality: Quality, key: "error" | "smoothness", across: number, up: number): number | null {
   const { columns, rows } = quality;
   return quality[key][nearest(rows, up)]?.[nearest(columns, across)] ?? null;

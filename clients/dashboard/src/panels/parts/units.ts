@@ -1,21 +1,37 @@
-/** Numbers with as many digits as they are worth. */
+/** Formats of numbers and units. */
 
-/** How a quantity is written: `factor` of these to one of the server's. */
+/** A display unit: `factor` display units per server unit. */
 export interface Unit {
   text: string;
   factor: number;
 }
 
 const METRES: Record<string, string> = { m: "", "m/s": "/s" };
+const DEGREES = 180 / Math.PI;
 
-/** The unit in which errors up to `most` read well. */
+/** Display unit of errors up to `most`: mm below 1 m, m above. */
 export function errorUnit(unit: string, most: number): Unit {
   const per = METRES[unit];
   if (per === undefined) return { text: unit, factor: 1 };
-  return most >= 0.1 ? { text: `cm${per}`, factor: 100 } : { text: `mm${per}`, factor: 1000 };
+  return most < 1 ? { text: `mm${per}`, factor: 1000 } : { text: `m${per}`, factor: 1 };
 }
 
-/** Three digits; what is too small to matter is 0. */
+/** Display unit of an adverb: degrees for angles, else the adverb's own unit. */
+export function adverbUnit(unit: string): Unit {
+  if (unit === "rad") return { text: "°", factor: DEGREES };
+  return unit === "rad/s" ? { text: "°/s", factor: DEGREES } : { text: unit, factor: 1 };
+}
+
+/** Error or distance in a suitable unit: mm below 1 m, m above. */
+export function errorText(error: number | null | undefined, unit = "m"): string {
+  if (error === null || error === undefined || Number.isNaN(error)) return "–";
+  const { text, factor } = errorUnit(unit, error);
+  const value = error * factor;
+  const digits = factor === 1 || value < 10 ? 2 : value < 100 ? 1 : 0;
+  return `${value.toFixed(digits)} ${text}`;
+}
+
+/** Three significant digits; values below `least` become 0. */
 export function digits(value: number, least = 0.005): string {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
@@ -26,7 +42,7 @@ export function digits(value: number, least = 0.005): string {
 
 const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
-/** κ runs over many decades: two digits, and powers of ten where it is small. */
+/** κ with two digits, small values as powers of ten. */
 export function kappa(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (value === 0 || value >= 1e-4) return String(Number(value.toPrecision(2)));
@@ -43,7 +59,7 @@ export function bytes(count: number): string {
   return count >= 1000 ? `${digits(count / 1000)} kB` : `${count.toFixed(0)} B`;
 }
 
-/** A count with its noun: "1 example", "24 examples". */
-export function counted(count: number, noun: string): string {
+/** Count with its noun: "1 example", "24 examples". */
+export function countText(count: number, noun: string): string {
   return `${count} ${noun}${count === 1 ? "" : "s"}`;
 }

@@ -1,7 +1,7 @@
 import { readFileSync } from "node:fs";
 import { deflateRawSync } from "node:zlib";
 import { describe, expect, test } from "vitest";
-import { nameInside } from "./verb_name";
+import { readVerbName } from "./verb_name";
 
 interface Member {
   path: string;
@@ -9,7 +9,7 @@ interface Member {
   packed?: boolean;
 }
 
-/** A zip; checksums are left out, since nothing here looks at them. */
+/** A zip without checksums. */
 function zip(members: readonly Member[], comment = ""): Blob {
   const parts: Buffer[] = [];
   const directory: Buffer[] = [];
@@ -44,46 +44,46 @@ function zip(members: readonly Member[], comment = ""): Blob {
 const TOML = '# a verb\nname = "punch"\nfps = 30.0\n\n[[adverb]]\nname = "x"\n';
 
 describe("a zip", () => {
-  test.each([true, false])("names its verb, be it packed: %s", async (packed) => {
+  test.each([true, false])("contains the verb's name (compressed: %s)", async (packed) => {
     const members = [
       { path: "punch/low.bvh", text: "HIERARCHY", packed },
       { path: "punch/verb.toml", text: TOML, packed },
     ];
-    expect(await nameInside(zip(members))).toBe("punch");
+    expect(await readVerbName(zip(members))).toBe("punch");
   });
 
-  test("names it with a comment behind it, and without a folder", async () => {
-    expect(await nameInside(zip([{ path: "verb.toml", text: TOML }], "made by hand"))).toBe("punch");
+  test("may have a trailing comment and no folder", async () => {
+    expect(await readVerbName(zip([{ path: "verb.toml", text: TOML }], "made by hand"))).toBe("punch");
   });
 
-  test("an archiver's own entries are no source", async () => {
+  test("__MACOSX entries are ignored", async () => {
     const members = [
       { path: "__MACOSX/verb.toml", text: 'name = "wrong"' },
       { path: "a/verb.toml", text: "name = 'kick'" },
     ];
-    expect(await nameInside(zip(members))).toBe("kick");
+    expect(await readVerbName(zip(members))).toBe("kick");
   });
 
-  test("an adverb's name is not the verb's", async () => {
-    expect(await nameInside(zip([{ path: "verb.toml", text: '[[adverb]]\nname = "x"\n' }]))).toBeNull();
+  test("the name of an adverb is not the verb's name", async () => {
+    expect(await readVerbName(zip([{ path: "verb.toml", text: '[[adverb]]\nname = "x"\n' }]))).toBeNull();
   });
 
-  test("without a verb.toml, or cut off, it names none", async () => {
+  test("without verb.toml or truncated it has no name", async () => {
     const whole = zip([{ path: "walk.bvh", text: "HIERARCHY" }]);
-    expect(await nameInside(whole)).toBeNull();
-    expect(await nameInside(whole.slice(0, whole.size - 30))).toBeNull();
+    expect(await readVerbName(whole)).toBeNull();
+    expect(await readVerbName(whole.slice(0, whole.size - 30))).toBeNull();
   });
 });
 
 describe("an artifact", () => {
-  test("names its verb", async () => {
+  test("contains the verb's name", async () => {
     const bytes = readFileSync(new URL("../../../../../verbs/library/arm3.verb", import.meta.url));
-    expect(await nameInside(new Blob([bytes]))).toBe("arm3");
+    expect(await readVerbName(new Blob([bytes]))).toBe("arm3");
   });
 
-  test("what is none names none", async () => {
+  test("an invalid file has no name", async () => {
     const endless = Buffer.alloc(64, 0xff);
-    expect(await nameInside(new Blob([endless]))).toBeNull();
-    expect(await nameInside(new Blob(["junk"]))).toBeNull();
+    expect(await readVerbName(new Blob([endless]))).toBeNull();
+    expect(await readVerbName(new Blob(["junk"]))).toBeNull();
   });
 });

@@ -1,4 +1,4 @@
-/** The name of the verb in a file that is to be uploaded; null where it cannot be read here (the server says why). */
+/** Name of the verb in an upload; null if unreadable (the server reports the reason). */
 
 import { unzipSync } from "fflate";
 
@@ -6,7 +6,7 @@ const LONGEST_HEADER = 16 * 1024 * 1024;
 const LONGEST_TOML = 1024 * 1024;
 const TOML = /^(?!__MACOSX\/)(.*\/)?verb\.toml$/;
 
-export async function nameInside(file: Blob): Promise<string | null> {
+export async function readVerbName(file: Blob): Promise<string | null> {
   try {
     const start = new Uint8Array(await file.slice(0, 2).arrayBuffer());
     return start[0] === 0x50 && start[1] === 0x4b ? nameInToml(await tomlOf(file)) : await nameInArtifact(file);
@@ -15,7 +15,7 @@ export async function nameInside(file: Blob): Promise<string | null> {
   }
 }
 
-/** An artifact is a safetensors file: the length of a JSON header, then that header. See docs/artifact.md. */
+/** An artifact is a safetensors file: header length, then a JSON header. See docs/artifact.md. */
 async function nameInArtifact(file: Blob): Promise<string | null> {
   const length = Number((await view(file, 0, 8)).getBigUint64(0, true));
   if (length > Math.min(LONGEST_HEADER, file.size)) return null;
@@ -24,20 +24,20 @@ async function nameInArtifact(file: Blob): Promise<string | null> {
   return typeof name === "string" ? name : null;
 }
 
-/** The key `name` above the first table. */
+/** The key `name` before the first table. */
 function nameInToml(text: string): string | null {
   const [top = ""] = text.split(/^\s*\[/m);
   const found = /^\s*name\s*=\s*(?:"([^"\\]*)"|'([^']*)')/m.exec(top);
   return found?.[1] ?? found?.[2] ?? null;
 }
 
-/** `verb.toml` out of a zip. */
+/** Extract `verb.toml` from a zip. */
 async function tomlOf(file: Blob): Promise<string> {
   const found = unzipSync(new Uint8Array(await file.arrayBuffer()), {
     filter: ({ name, originalSize }) => TOML.test(name) && originalSize <= LONGEST_TOML,
   });
   const [content] = Object.values(found);
-  if (!content) throw new Error("the archive holds no verb.toml");
+  if (!content) throw new Error("no verb.toml in the archive");
   return new TextDecoder().decode(content);
 }
 

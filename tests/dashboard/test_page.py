@@ -134,6 +134,18 @@ def test_an_invalid_zip_shows_the_problem(page):
     page.ignore("422")
 
 
+def test_the_readout_shows_the_live_distance_and_the_prediction(page):
+    page.open(verb="reach", playing="no", phase="0.02")
+    page.tab.get_by_text("Will reach the goal at apex").wait_for()
+    page.until("adverb.drawn.effector && adverb.drawn.goal")
+    readout = page.tab.get_by_role("region", name="Goal error")
+    far = page.state("Math.hypot(...adverb.drawn.effector.map((e, k) => e - adverb.drawn.goal[k]))")
+    assert far > 0.1
+    readout.get_by_text(f"{1000 * far:.0f} mm").wait_for()
+    page.tab.get_by_role("button", name="Pause at goal").click()
+    readout.get_by_text("Goal reached").wait_for()
+
+
 def test_a_chosen_folder_is_built_and_opened(page, tmp_path):
     folder = tmp_path / "wave"
     shutil.copytree(Path(library.__file__).parent / "arm3", folder)

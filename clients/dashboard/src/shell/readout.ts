@@ -37,7 +37,7 @@ export function readout(page: Page, distance: () => number | null): HTMLElement 
     element.hidden = false;
     const live = distance();
     value.textContent = errorText(live ?? shown.error, live === null ? verb.measure.unit : "m");
-    caption.textContent = live === null ? "goal error" : "from the goal now";
+    caption.textContent = live === null ? "predicted goal error" : "from the goal now";
     const goal = goalState(verb, shown);
     state.dataset.state = goal.state;
     state.textContent = goal.text;
@@ -61,7 +61,9 @@ export function goalState(verb: Verb, { error, clamped, phase }: Shown): GoalSta
   if (clamped) return { state: "clamped", text: "Goal out of reach; moved to the nearest reachable point" };
   const state = error < REACHED ? "reached" : "missed";
   const keytimePhase = effectorPhase(verb);
-  if (keytimePhase === null || Math.abs(phase - keytimePhase) < AT_KEYTIME)
+  if (keytimePhase === null)
+    return { state, text: `The whole motion ${state === "reached" ? "meets" : "misses"} its goal` };
+  if (Math.abs(phase - keytimePhase) < AT_KEYTIME)
     return { state, text: state === "reached" ? "Goal reached" : "Goal missed" };
   const verbs = phase < keytimePhase ? ["Will reach", "Will miss"] : ["Reached", "Missed"];
   return { state, text: `${verbs[state === "reached" ? 0 : 1]} the goal at ${verb.measure.keytime}` };
@@ -79,7 +81,7 @@ function figureLabel(page: Page, shown: Shown): string {
 function rows(page: Page, { measure }: Verb, shown: Shown): HTMLElement[] {
   const { version, method, phase, count, error } = shown;
   return [
-    ...(Number.isNaN(error) ? [] : [[`Error at ${measure.keytime ?? "goal"}`, errorText(error, measure.unit)]]),
+    ...(measure.keytime === null ? [] : [[`Error at ${measure.keytime}`, errorText(error, measure.unit)]]),
     ["Phase", phase.toFixed(3)],
     ["Method", methodLabel(method)],
     ["Version", String(version)],

@@ -134,6 +134,25 @@ def test_an_invalid_zip_shows_the_problem(page):
     page.ignore("422")
 
 
+def test_back_and_forward_restore_verb_and_tab(page):
+    page.open(verb="reach", playing="no", phase="0.3")
+    entries = page.tab.evaluate("history.length")
+    page.tab.get_by_role("slider", name="x, m").first.focus()
+    page.tab.keyboard.press("ArrowRight")
+    before = page.state("adverb.view")
+    page.tab.get_by_role("combobox", name="Verb").select_option("arm3")
+    page.until("adverb.shown.main?.verb === 'arm3'")
+    page.tab.get_by_role("tab", name="Versions").click()
+    assert page.tab.evaluate("history.length") == entries + 2
+    page.tab.go_back()
+    page.until("adverb.view.verb === 'arm3' && adverb.view.panel === 'verb'")
+    page.tab.go_back()
+    page.until("adverb.view.verb === 'reach' && adverb.shown.main?.verb === 'reach'")
+    assert page.state("adverb.view") == before
+    page.tab.go_forward()
+    page.until("adverb.view.verb === 'arm3' && adverb.shown.main?.verb === 'arm3'")
+
+
 def test_the_readout_shows_the_live_distance_and_the_prediction(page):
     page.open(verb="reach", playing="no", phase="0.02")
     page.tab.get_by_text("Will reach the goal at apex").wait_for()

@@ -114,11 +114,11 @@ export class Page implements App {
     this.selectVerb((this.verbs.find(({ name }) => name === DEFAULT_VERB) ?? this.verbs[0])?.name ?? "");
   }
 
-  /** Select another verb and reset the view of the previous one. */
-  selectVerb(verb: string): void {
+  /** Select another verb and reset the view of the previous one; `push` adds a history entry. */
+  selectVerb(verb: string, push = true): void {
     if (verb === this.store.view.verb) return;
     const none = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "", slice: null };
-    this.store.change({ verb, ...none, compare: { kind: "none" } });
+    this.store.change({ verb, ...none, compare: { kind: "none" } }, push);
   }
 
   /** Set the goal from user input; pauses a playing motion at the goal's keytime. */

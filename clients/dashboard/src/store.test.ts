@@ -1,6 +1,6 @@
 import fc from "fast-check";
 import { expect, test, vi } from "vitest";
-import { createStore, DEFAULTS, readView, writeView } from "./store";
+import { createStore, DEFAULTS, readView, syncAddress, writeView } from "./store";
 import type { Comparison, View } from "./types";
 
 const number = fc.double({ min: -1e9, max: 1e9, noNaN: true }).map((value) => value + 0); // no negative zero in a link
@@ -105,9 +105,64 @@ test("listeners are called once per change of their keys", () => {
   expect(listener).not.toHaveBeenCalled();
   store.change({ fps: 30, loop: false });
   expect(listener).toHaveBeenCalledTimes(1);
-  expect(listener.mock.calls[0]?.map((each: View) => each.fps)).toEqual([30, 60]);
+  expect(listener.mock.calls[0]?.slice(0, 2).map((each: View) => each.fps)).toEqual([30, 60]);
   store.change({ goal: { x: 1 } });
   stop();
   store.change({ fps: 24 });
   expect(listener).toHaveBeenCalledTimes(1);
+});
+
+/** A window with a session history. */
+function fakeWindow() {
+  const entries = [""];
+  const state = { at: 0, onPop: () => {} };
+  const location = {
+    pathname: "/",
+    get hash() {
+      return entries[state.at] as string;
+    },
+  };
+  const history = {
+    replaceState: (_: unknown, __: string, address: string) => {
+      entries[state.at] = address;
+    },
+    pushState: (_: unknown, __: string, address: string) => {
+      entries.splice(++state.at, entries.length, address);
+    },
+  };
+  const go = (by: number) => {
+    state.at += by;
+    state.onPop();
+  };
+  const addEventListener = (_: string, then: () => void) => {
+    state.onPop = then;
+  };
+  return { page: { location, history, addEventListener } as unknown as Window, entries, go };
+}
+
+test("another verb or tab adds a history entry, other changes replace it, and back restores the view", () => {
+  vi.useFakeTimers();
+  const { page, entries, go } = fakeWindow();
+  const store = createStore({ ...DEFAULTS, verb: "reach" });
+  syncAddress(store, page);
+  for (const x of [0.1, 0.2, 0.3]) store.change({ goal: { x } });
+  store.change({ camera: [1, 2, 3, 4, 5, 6] });
+  vi.advanceTimersByTime(1000);
+  expect(entries).toHaveLength(1);
+  store.change({ goal: { x: 0.4 } });
+  const before = store.view;
+  store.change({ verb: "kick", goal: {}, camera: null }, true);
+  store.change({ goal: { y: 1 } });
+  store.change({ panel: "quality" }, true);
+  vi.advanceTimersByTime(1000);
+  expect(entries).toHaveLength(3);
+  go(-1);
+  expect(store.view).toMatchObject({ verb: "kick", panel: "verb", goal: { y: 1 } });
+  go(-1);
+  expect(store.view).toEqual(before);
+  go(2);
+  expect(store.view).toMatchObject({ verb: "kick", panel: "quality" });
+  vi.advanceTimersByTime(1000);
+  expect(entries).toHaveLength(3);
+  vi.useRealTimers();
 });

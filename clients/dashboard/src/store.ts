@@ -176,18 +176,22 @@ export function same(a: unknown, b: unknown): boolean {
 
 export function createStore(initial: View): Store {
   let view = initial;
-  const listeners = new Set<{ keys: readonly (keyof View)[]; then: (view: View, before: View) => void }>();
+  const listeners = new Set<{
+    keys: readonly (keyof View)[];
+    then: (view: View, before: View, push: boolean) => void;
+  }>();
   return {
     get view() {
       return view;
     },
-    change(part) {
+    change(part, push = false) {
       const keys = (Object.keys(part) as (keyof View)[]).filter((key) => !same(part[key], view[key]));
       if (keys.length === 0) return;
       const before = view;
       view = { ...view, ...part };
       for (const listener of [...listeners])
-        if (listeners.has(listener) && listener.keys.some((key) => keys.includes(key))) listener.then(view, before);
+        if (listeners.has(listener) && listener.keys.some((key) => keys.includes(key)))
+          listener.then(view, before, push);
     },
     on(keys, then) {
       const listener = { keys, then };
@@ -197,16 +201,26 @@ export function createStore(initial: View): Store {
   };
 }
 
-/** Keep the address and the view the same; the address follows a quarter of a second later, without history. */
+/**
+ * Keep the address and the view equal. Changes with `push` add a history entry at once, others replace the current
+ * entry after a short delay. Back and forward restore the view of their entry.
+ */
 export function syncAddress(store: Store, page: Window = window): void {
   let timer: ReturnType<typeof setTimeout> | undefined;
-  const write = () => page.history.replaceState(null, "", writeView(store.view) || page.location.pathname);
-  store.on(Object.keys(DEFAULTS) as (keyof View)[], () => {
+  const addressOf = (view: View) => writeView(view) || page.location.pathname;
+  const replace = (view: View) => {
     clearTimeout(timer);
-    timer = setTimeout(write, WRITE_AFTER_MS);
+    page.history.replaceState(null, "", addressOf(view));
+  };
+  store.on(Object.keys(DEFAULTS) as (keyof View)[], (view, before, push) => {
+    clearTimeout(timer);
+    if (push) {
+      replace(before);
+      page.history.pushState(null, "", addressOf(view));
+    } else timer = setTimeout(() => replace(store.view), WRITE_AFTER_MS);
   });
-  page.addEventListener("hashchange", () => {
-    clearTimeout(timer);
+  page.addEventListener("popstate", () => {
     store.change(readView(page.location.hash));
+    clearTimeout(timer);
   });
 }

@@ -61,9 +61,10 @@ export interface View {
 
 export interface Store {
   readonly view: View;
-  change(part: Partial<View>): void;
+  /** Change some fields. `push` adds an entry to the browser history instead of replacing the current one. */
+  change(part: Partial<View>, push?: boolean): void;
   /** Call `then` after a change of any of the keys; returns the unsubscribe function. */
-  on(keys: readonly (keyof View)[], then: (view: View, before: View) => void): () => void;
+  on(keys: readonly (keyof View)[], then: (view: View, before: View, push: boolean) => void): () => void;
 }
 
 /** Skeleton of a verb, from its REST description. */

@@ -27,7 +27,7 @@ export function overlay(page: Page, scene: HTMLElement): HTMLElement {
   const detail = h("span", {});
   const upload = h(
     "button",
-    { type: "button", hidden: true, onclick: () => page.store.change({ panel: "upload" }) },
+    { type: "button", hidden: true, onclick: () => page.store.change({ panel: "upload" }, true) },
     "Upload a verb",
   );
   const element = h("div", { className: "overlay", role: "status" }, title, detail, upload);

@@ -62,7 +62,7 @@ function tabButton(page: Page, name: Panel, label: string): HTMLButtonElement {
       id: `tab-${name}`,
       "aria-controls": "panel",
       onclick: () => {
-        page.store.change({ panel: name });
+        page.store.change({ panel: name }, true);
         sheet(true);
       },
     },
@@ -83,7 +83,7 @@ function step(
   if (by === 0 || next === undefined) return;
   event.preventDefault();
   event.stopPropagation();
-  page.store.change({ panel: next });
+  page.store.change({ panel: next }, true);
   buttons.get(next)?.focus();
 }
 

@@ -153,6 +153,48 @@ def test_back_and_forward_restore_verb_and_tab(page):
     page.until("adverb.view.verb === 'arm3' && adverb.shown.main?.verb === 'arm3'")
 
 
+ZIP = {"Content-Type": "application/zip"}
+MOCAP = PROJECT.parent / "shared" / "data" / "mocap"
+
+
+def motions(service):
+    """The built-in verbs, and captured ones if their data is installed."""
+    yield from ("arm3", "board", "reach")
+    for name in ("jump", "kick"):
+        if (MOCAP / name / "verb.toml").is_file():
+            with httpx.Client(base_url=service.url, timeout=PATIENCE_S) as client:
+                client.post("/v1/verbs", content=zipped(MOCAP / name), headers=ZIP).raise_for_status()
+            yield name
+
+
+def zipped(folder):
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                archive.write(path, path.relative_to(folder.parent))
+    return packed.getvalue()
+
+
+def test_the_whole_motion_is_in_the_picture(page):
+    page.tab.set_viewport_size({"width": 1280, "height": 720})
+    for verb in motions(page.service):
+        page.open(verb=verb, playing="no")
+        wide, high = page.tab.evaluate("[innerWidth - 320, innerHeight]")
+        for phase in (0.0, 0.25, 0.5, 0.75, 1.0):
+            page.tab.get_by_role("slider", name="Phase").fill(str(phase))
+            page.until(f"Math.abs(adverb.shown.main?.phase - {phase}) < 1e-3")
+            left, top, right, bottom = page.state("adverb.drawn.figure")
+            assert min(left, top, wide - right, high - bottom) >= 0, (verb, phase)
+
+
+def test_a_figure_outside_the_picture_can_be_found(page):
+    page.open(verb="reach", follow="no", camera="0,1,5,0,1,9")
+    page.tab.get_by_role("button", name="Find figure").click()
+    page.until("adverb.drawn.figure && adverb.drawn.figure[0] > 0")
+    page.tab.get_by_role("button", name="Find figure").wait_for(state="hidden")
+
+
 def test_the_readout_shows_the_live_distance_and_the_prediction(page):
     page.open(verb="reach", playing="no", phase="0.02")
     page.tab.get_by_text("Will reach the goal at apex").wait_for()

@@ -2,6 +2,7 @@
 
 import { createRest } from "./api/rest";
 import { Page } from "./app";
+import { motionExtent } from "./motion_extent";
 import { publish } from "./published_state";
 import { createStage } from "./scene/stage";
 import { h } from "./shell/dom";
@@ -18,6 +19,8 @@ import type { Drawn, Stage, View } from "./types";
 import { openWorker } from "./wire/client";
 
 const CAMERA_DIGITS = 3;
+/** Scene width below which the readout covers the figure. */
+const NARROW_PX = 600;
 
 function start(): void {
   const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -25,7 +28,12 @@ function start(): void {
   const store = createStore(reducedMotion && !location.hash.includes("playing=") ? { ...link, playing: false } : link);
   syncAddress(store);
   const colours = new ThemeController(store, document.documentElement);
-  const page = new Page(store, createRest(), openWorker(), reducedMotion);
+  const page = new Page(
+    store,
+    createRest(),
+    openWorker(),
+    reducedMotion,
+  );
   const canvas = h("div", { className: "stage" });
   const scene = h("main", { className: "scene", "aria-label": "Scene" }, canvas);
   const keys = shortcutDialog();
@@ -36,12 +44,9 @@ function start(): void {
     stage?.resetView();
   };
   const bar = transport(page);
-  scene.append(
-    readout(page, () => (stage ? goalDistance(stage.drawn) : null)),
-    overlay(page, scene),
-    notices(page),
-    bar,
-  );
+  const find = h("button", { type: "button", className: "find-figure", hidden: true, onclick: reset }, "Find figure");
+  const values = readout(page, () => (stage ? goalDistance(stage.drawn) : null));
+  scene.append(values, overlay(page, scene), notices(page), find, bar);
   document.body.append(header(page, help), scene, panel(page, verbTab(page, reset)), keys);
   bindKeys(page, reset, help);
   try {
@@ -50,8 +55,8 @@ function start(): void {
     page.notify(err instanceof Error ? err.message : String(err), "error");
   }
   if (stage) {
-    join(page, stage, colours);
-    keepClear(stage, scene, bar);
+    join(page, stage, colours, find);
+    keepClear(stage, scene, bar, values);
   }
   publish(page, stage);
   page.start(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/v1/stream`);
@@ -68,16 +73,19 @@ function goalDistance({ effector, goal }: Drawn): number | null {
   return effector && goal ? Math.hypot(...effector.map((value, k) => value - (goal[k] as number))) : null;
 }
 
-/** Keep the figure above the transport bar at every window size. */
-function keepClear(stage: Stage, scene: HTMLElement, bar: HTMLElement): void {
-  const fit = () => stage.setInset(0, scene.getBoundingClientRect().bottom - bar.getBoundingClientRect().top);
+/** Keep the figure above the transport bar, and on narrow windows below the readout. */
+function keepClear(stage: Stage, scene: HTMLElement, bar: HTMLElement, values: HTMLElement): void {
+  const fit = () => {
+    const { top, bottom, width } = scene.getBoundingClientRect();
+    const covered = width < NARROW_PX ? values.getBoundingClientRect().bottom - top : 0;
+    stage.setInset(Math.max(covered, 0), bottom - bar.getBoundingClientRect().top);
+  };
   const sizes = new ResizeObserver(fit);
-  sizes.observe(scene);
-  sizes.observe(bar);
+  for (const element of [scene, bar, values]) sizes.observe(element);
 }
 
 /** Bind view to stage and stage to view. */
-function join(page: Page, stage: Stage, colours: ThemeController): void {
+function join(page: Page, stage: Stage, colours: ThemeController, find: HTMLElement): void {
   const { store } = page;
   const bind = (keys: (keyof View)[], then: (view: View) => void) => {
     then(store.view);
@@ -94,6 +102,10 @@ function join(page: Page, stage: Stage, colours: ThemeController): void {
   });
   page.on("verb", (verb) => {
     stage.setVerb(verb);
+    motionExtent(page.rest, verb).then(
+      (points) => page.verb === verb && stage.setExtent(points),
+      () => {}, // the frame of the rest pose remains
+    );
     stage.setGoal(store.view.goal);
     stage.setCamera(store.view.camera);
   });
@@ -103,6 +115,9 @@ function join(page: Page, stage: Stage, colours: ThemeController): void {
   });
   stage.onGoal = (goal, done) => page.setGoal(goal, done);
   stage.onExample = (adverbs) => page.setGoal(adverbs, true);
+  stage.onOffscreen = (offscreen) => {
+    find.hidden = !offscreen;
+  };
   stage.onCamera = (camera) => {
     const rounded = camera.map((value) => Number(value.toFixed(CAMERA_DIGITS)));
     moved = JSON.stringify(rounded);

@@ -89,6 +89,8 @@ export interface Drawn {
   /** World positions of the first character's effector and of the goal, metres. */
   effector: readonly number[] | null;
   goal: readonly number[] | null;
+  /** Bounding rectangle of the first character's joints in the canvas, pixels; null if behind the camera. */
+  figure: readonly [left: number, top: number, right: number, bottom: number] | null;
   /** Position of the goal handle in the window, pixels. */
   handle: readonly [number, number] | null;
 }
@@ -97,6 +99,8 @@ export interface Drawn {
 export interface Stage {
   /** Switch to another verb: builds mannequins and frames the camera. */
   setVerb(verb: Verb): void;
+  /** Extreme positions of the verb's motion, m; the automatic camera frames them. */
+  setExtent(points: readonly (readonly [number, number, number])[]): void;
   show(role: Role, picture: Picture | null): void;
   /** Goal as adverbs; drawn if they map to a position (see `goal_space.ts`). */
   setGoal(goal: Readonly<Record<string, number>>): void;
@@ -105,14 +109,16 @@ export interface Stage {
   setDetail(detail: "high" | "low"): void;
   setTheme(dark: boolean): void;
   setCamera(camera: readonly number[] | null): void;
-  /** Pixels covered by other elements at the right and at the bottom. */
-  setInset(right: number, bottom: number): void;
+  /** Pixels covered by other elements at the top and at the bottom. */
+  setInset(top: number, bottom: number): void;
   resetView(): void;
   /** The goal was dragged to these adverbs, which may lie outside the domain; `done` at the release. */
   onGoal: (goal: Record<string, number>, done: boolean) => void;
   /** An example or pseudo-example was clicked. */
   onExample: (adverbs: Readonly<Record<string, number>>) => void;
   onCamera: (camera: readonly number[]) => void;
+  /** The first character left the picture or came back. */
+  onOffscreen: (offscreen: boolean) => void;
   /** Last drawn frame. */
   readonly drawn: Drawn;
   dispose(): void;

@@ -34,7 +34,7 @@ export class CameraRig {
   #followed: Vector3 | null = null;
   /** Origin of the frame: position of the framed character. */
   readonly #origin = new Vector3();
-  #inset = { right: 0, bottom: 0 };
+  #inset = { top: 0, bottom: 0 };
   #size = { wide: 1, high: 1 };
 
   constructor(surface: HTMLElement, changed: () => void) {
@@ -86,9 +86,9 @@ export class CameraRig {
     if (this.#automatic) this.#applyFrame();
   }
 
-  /** Set the covered pixels at the right (negative: left) and at the bottom; the frame moves away from them. */
-  setInset(right: number, bottom: number): void {
-    this.#inset = { right, bottom };
+  /** Set the covered pixels at the top and at the bottom; the frame moves away from them. */
+  setInset(top: number, bottom: number): void {
+    this.#inset = { top, bottom };
     this.#project();
     if (this.#automatic) this.#applyFrame();
   }
@@ -118,9 +118,9 @@ export class CameraRig {
 
   #project(): void {
     const { wide, high } = this.#size;
-    const { right, bottom } = this.#inset;
+    const { top, bottom } = this.#inset;
     this.camera.aspect = wide / high;
-    if (right || bottom) this.camera.setViewOffset(wide, high, right / 2, bottom / 2, wide, high);
+    if (top || bottom) this.camera.setViewOffset(wide, high, 0, (bottom - top) / 2, wide, high);
     else this.camera.clearViewOffset();
     this.camera.updateProjectionMatrix();
   }
@@ -134,8 +134,8 @@ export class CameraRig {
     const right = new Vector3(0, 1, 0).cross(back).normalize();
     const up = back.clone().cross(right);
     const slope = FILLED * Math.tan((this.camera.fov * Math.PI) / 360);
-    const across = (slope * Math.max(wide - Math.abs(this.#inset.right), 1)) / high;
-    const along = (slope * Math.max(high - this.#inset.bottom, 1)) / high;
+    const across = (slope * wide) / high;
+    const along = (slope * Math.max(high - this.#inset.top - this.#inset.bottom, 1)) / high;
     const at = new Vector3();
     let far = 1;
     for (let k = 0; k < 4; k++) {

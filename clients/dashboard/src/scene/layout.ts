@@ -65,7 +65,11 @@ function spreading(rows: CrowdSpacing): (count: number) => { centre: V3; half: V
   };
 }
 
-export function layoutOf(anatomy: Anatomy, verb: Verb, marked: readonly V3[]): Layout {
+/**
+ * @param marked positions of the marks, m
+ * @param motion extreme positions of the motion, m
+ */
+export function layoutOf(anatomy: Anatomy, verb: Verb, marked: readonly V3[], motion: readonly V3[] = []): Layout {
   const wall = isChain(anatomy) && Math.abs(hinge(anatomy)[2]) > 0.9;
   const rest = atRest(anatomy, wall);
   const around: V3[] = wall ? [] : rest.map(([x, y, z]) => [0.55 * x, y, z]);
@@ -83,7 +87,7 @@ export function layoutOf(anatomy: Anatomy, verb: Verb, marked: readonly V3[]): L
     : ([-0.5, Math.ceil(10 * (whole.half[2] + whole.centre[2] + 0.1)) / 10 + 0.05] as const); // between two grid lines
   const ends = [bar[0], bar[0] + 1].map((u): V3 => (wall ? [u, bar[1], back] : [u, 0, bar[1]]));
   const foot: V3[] = wall ? [[-0.1 * extent, 0, back]] : [];
-  const shown = [...(wall ? rest : around), ...foot, ...marked, ...ends];
+  const shown = [...(wall ? rest : around), ...foot, ...marked, ...motion, ...ends];
   const from = view(anatomy, verb, wall);
   return {
     wall,

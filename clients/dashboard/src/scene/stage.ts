@@ -3,6 +3,7 @@ import type { Drawn, Picture, Role, Stage, Verb } from "../types";
 import { errorText } from "../units";
 import { anatomyOf } from "./anatomy";
 import { CameraRig } from "./camera";
+import { figureRect, isOffscreen } from "./figure_rect";
 import { Figures } from "./figures";
 import { poseLength } from "./fk";
 import { GoalHandle } from "./goal";
@@ -43,7 +44,8 @@ class WebGLStage implements Stage {
   onGoal: Stage["onGoal"] = () => {};
   onExample: Stage["onExample"] = () => {};
   onCamera: Stage["onCamera"] = () => {};
-  readonly drawn: Drawn = { frames: 0, effector: null, goal: null, handle: null };
+  onOffscreen: Stage["onOffscreen"] = () => {};
+  readonly drawn: Drawn = { frames: 0, effector: null, goal: null, figure: null, handle: null };
 
   readonly #host: HTMLElement;
   readonly #renderer: WebGLRenderer;
@@ -75,6 +77,7 @@ class WebGLStage implements Stage {
   #effector = -1;
   #keytime = Number.NaN;
   #phase = 0;
+  #offscreen = false;
   #hovered: { known: ExamplePoint; at: Vector3 } | null = null;
   #request = 0;
   #drawnAt = 0;
@@ -127,6 +130,13 @@ class WebGLStage implements Stage {
     this.#ground.lay(this.#layout.wall, this.#layout.back, this.#layout.reach(1));
     this.#rig.setFrame(this.#layout.frame(1));
     this.setTheme(this.#dark);
+  }
+
+  setExtent(points: readonly V3[]): void {
+    if (!this.#verb || !this.#marks) return;
+    this.#layout = layoutOf(anatomyOf(this.#verb.skeleton), this.#verb, this.#marks.points, points);
+    this.#rig.setFrame(this.#layout.frame(this.#figures?.main.count ?? 1));
+    this.#requestDraw();
   }
 
   show(role: Role, picture: Picture | null): void {
@@ -185,8 +195,8 @@ class WebGLStage implements Stage {
     this.#requestDraw();
   }
 
-  setInset(right: number, bottom: number): void {
-    this.#rig.setInset(right, bottom);
+  setInset(top: number, bottom: number): void {
+    this.#rig.setInset(top, bottom);
     this.#requestDraw();
   }
 
@@ -340,7 +350,18 @@ class WebGLStage implements Stage {
       const [u, v] = this.#following && main?.count ? [Math.round(x ?? 0), Math.round(z ?? 0)] : [0, 0];
       this.#ground.putBar(bar[0] + u, bar[1] + v);
     }
+    this.#locateFigure();
     this.#updateLabels();
+  }
+
+  #locateFigure(): void {
+    const { clientWidth: wide, clientHeight: high } = this.#host;
+    const main = this.#figures?.main;
+    if (!main?.count) return;
+    this.drawn.figure = figureRect(main.positions, this.#rig.camera, wide, high);
+    const offscreen = isOffscreen(this.drawn.figure, wide, high);
+    if (offscreen !== this.#offscreen) this.onOffscreen(offscreen);
+    this.#offscreen = offscreen;
   }
 
   #updateLabels(): void {

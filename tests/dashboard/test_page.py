@@ -134,6 +134,38 @@ def test_an_invalid_zip_shows_the_problem(page):
     page.ignore("422")
 
 
+def source_folder(parent, name):
+    """A copy of the source of `arm3` under another name."""
+    folder = parent / name
+    shutil.copytree(Path(library.__file__).parent / "arm3", folder)
+    source = folder / "verb.toml"
+    source.write_text(source.read_text().replace('name = "arm3"', f'name = "{name}"', 1))
+    return folder
+
+
+def test_a_chosen_folder_is_built_and_opened(page, tmp_path):
+    folder = source_folder(tmp_path, "wave")
+    (folder / ".DS_Store").write_bytes(b"hidden")
+    page.open(verb="reach")
+    page.tab.get_by_role("tab", name="Upload").click()
+    page.tab.locator("input[webkitdirectory]").set_input_files(folder)
+    page.tab.get_by_role("button", name="Open").click()
+    page.until("adverb.view.verb === 'wave' && adverb.shown.main?.version === 1")
+
+
+def test_a_deleted_verb_leaves_the_menu_and_the_page_leaves_it(page, tmp_path):
+    page.open(verb="reach")
+    page.tab.get_by_role("tab", name="Upload").click()
+    page.tab.locator("input[webkitdirectory]").set_input_files(source_folder(tmp_path, "gone"))
+    page.tab.get_by_role("button", name="Open").click()
+    page.until("adverb.shown.main?.verb === 'gone'")
+    httpx.delete(f"{page.service.url}/v1/verbs/gone", timeout=PATIENCE_S).raise_for_status()
+    page.tab.get_by_text("Verb “gone” was deleted.").wait_for()
+    page.until("adverb.shown.main?.verb === 'reach'")
+    assert "gone" not in page.tab.get_by_role("combobox", name="Verb").locator("option").all_inner_texts()
+    page.ignore("404")
+
+
 def test_back_and_forward_restore_verb_and_tab(page):
     page.open(verb="reach", playing="no", phase="0.3")
     entries = page.tab.evaluate("history.length")
@@ -205,19 +237,6 @@ def test_the_readout_shows_the_live_distance_and_the_prediction(page):
     readout.get_by_text(f"{1000 * far:.0f} mm").wait_for()
     page.tab.get_by_role("button", name="Pause at goal").click()
     readout.get_by_text("Goal reached").wait_for()
-
-
-def test_a_chosen_folder_is_built_and_opened(page, tmp_path):
-    folder = tmp_path / "wave"
-    shutil.copytree(Path(library.__file__).parent / "arm3", folder)
-    source = folder / "verb.toml"
-    source.write_text(source.read_text().replace('name = "arm3"', 'name = "wave"', 1))
-    (folder / ".DS_Store").write_bytes(b"hidden")
-    page.open(verb="reach")
-    page.tab.get_by_role("tab", name="Upload").click()
-    page.tab.locator("input[webkitdirectory]").set_input_files(folder)
-    page.tab.get_by_role("button", name="Open").click()
-    page.until("adverb.view.verb === 'wave' && adverb.shown.main?.version === 1")
 
 
 def test_a_folder_without_verb_toml_is_not_uploaded(page, tmp_path):

@@ -48,11 +48,16 @@ class FakePort implements Port {
 
 let port: FakePort;
 let page: Page;
+let served: VerbSummary[];
 
 async function start(view: Partial<View> = {}, reducedMotion = false): Promise<void> {
   port = new FakePort();
+  served = [
+    { name: "arm3", version: 1 },
+    { name: "reach", version: 1 },
+  ] as VerbSummary[];
   const rest = {
-    verbs: async () => [{ name: "arm3" }, { name: "reach" }] as VerbSummary[],
+    verbs: async () => served,
     verb: async (name: string) => (name === "reach" ? REACH : ARM),
   } as unknown as Rest;
   page = new Page(createStore({ ...DEFAULTS, ...view }), rest, port, reducedMotion);
@@ -149,4 +154,26 @@ test("an unchanged target is not sent again", () => {
   const before = port.messages.length;
   for (let k = 0; k < 10; k++) page.frame(k);
   expect(port.messages.slice(before).filter((message) => message.kind === "setTarget")).toEqual([]);
+});
+
+test("a verb deleted by another client disappears, and the page leaves it with a notice", async () => {
+  const notices: string[] = [];
+  page.on("notice", ({ text }) => notices.push(text));
+  served = served.filter(({ name }) => name !== "reach");
+  port.notify({ kind: "refused", role: "main", code: "unknown_verb", detail: "unknown verb" });
+  await vi.waitFor(() => expect(page.verb?.name).toBe("arm3"));
+  expect(page.verbs.map(({ name }) => name)).toEqual(["arm3"]);
+  expect(notices).toEqual(["Verb “reach” was deleted."]);
+});
+
+test("the list of verbs is compared with the server every few seconds", async () => {
+  vi.useFakeTimers();
+  page.start("ws://here/v1/stream");
+  await vi.advanceTimersByTimeAsync(100);
+  served = [...served, { name: "wave", version: 1 } as VerbSummary];
+  await vi.advanceTimersByTimeAsync(6000);
+  expect(page.verbs.map(({ name }) => name)).toEqual(["arm3", "reach", "wave"]);
+  expect(page.store.view.verb).toBe("reach");
+  page.stop();
+  vi.useRealTimers();
 });

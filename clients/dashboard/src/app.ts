@@ -5,6 +5,7 @@ import { VersionComparison } from "./comparison";
 import { crowdGoals } from "./crowd";
 import { Emitter } from "./emitter";
 import { PauseAtGoal } from "./pause_at_goal";
+import { same } from "./store";
 import type {
   App,
   AppEvents,
@@ -25,6 +26,8 @@ import type { Drawn, Motion, Seek } from "./wire/worker_messages";
 
 const DEFAULT_VERB = "reach";
 const RETRY_MS = 2000;
+/** Interval at which the list of verbs is compared with the server. */
+const REFRESH_MS = 5000;
 const DIGITS = 4;
 
 /** Events for the shell only: pictures to draw, notices, pause and connection state. */
@@ -51,6 +54,7 @@ export class Page implements App {
   private seekRequest: Seek;
   private targetKey = "";
   private loading = "";
+  private refreshTimer: ReturnType<typeof setInterval> | undefined;
 
   constructor(
     readonly store: Store,
@@ -84,10 +88,12 @@ export class Page implements App {
 
   start(address: string): void {
     this.stream.start(address);
+    this.refreshTimer = setInterval(() => void this.refresh(), REFRESH_MS);
     void this.reload();
   }
 
   stop(): void {
+    clearInterval(this.refreshTimer);
     this.stream.stop();
   }
 
@@ -105,13 +111,35 @@ export class Page implements App {
       setTimeout(() => void this.reload(), RETRY_MS);
       return;
     }
-    this.loaded = true;
     this.emitter.emit("verbs", this.verbs);
+    if (this.leaveMissing()) return;
+    await this.load();
+  }
+
+  /** Follow changes of the served verbs by other clients; does nothing if there are none or no response. */
+  async refresh(): Promise<void> {
+    if (!this.loaded) return;
+    const verbs = await this.rest.verbs().catch(() => this.verbs);
+    if (same(verbs, this.verbs)) return;
+    this.verbs = verbs;
+    this.emitter.emit("verbs", verbs);
+    const served = verbs.find(({ name }) => name === this.verb?.name);
+    if (!this.leaveMissing() && served?.version !== this.verb?.version) await this.load();
+  }
+
+  /** Select the default verb if the selected one does not exist; returns whether it did. */
+  private leaveMissing(): boolean {
     const { verb } = this.store.view;
-    const known = this.verbs.find(({ name }) => name === verb);
-    if (known) return this.load();
-    if (verb) this.notify(`Verb “${verb}” does not exist on this server.`, "error");
-    this.selectVerb((this.verbs.find(({ name }) => name === DEFAULT_VERB) ?? this.verbs[0])?.name ?? "");
+    if (this.verbs.some(({ name }) => name === verb)) {
+      this.loaded = true;
+      return false;
+    }
+    const deleted = this.loaded && this.verb?.name === verb;
+    this.loaded = true;
+    const next = (this.verbs.find(({ name }) => name === DEFAULT_VERB) ?? this.verbs[0])?.name ?? "";
+    if (verb) this.notify(`Verb “${verb}” ${deleted ? "was deleted" : "does not exist on this server"}.`, "error");
+    this.selectVerb(next, false);
+    return true;
   }
 
   /** Select another verb and reset the view of the previous one; `push` adds a history entry. */
@@ -155,7 +183,10 @@ export class Page implements App {
     } catch (err) {
       if (this.loading !== name) return;
       if (err instanceof Problem && err.status === 0) setTimeout(() => void this.load(), RETRY_MS);
-      else this.notify(textOf(err), "error");
+      else {
+        if (err instanceof Problem && err.code === "unknown_verb") await this.refresh();
+        if (this.store.view.verb === name) this.notify(textOf(err), "error");
+      }
     }
   }
 
@@ -228,6 +259,7 @@ export class Page implements App {
         return void this.reload();
       case "refused":
         if (message.role === "comparison") return this.comparisonFailed(new Error(message.detail));
+        if (message.code === "unknown_verb") return void this.refresh();
         return this.notify(message.detail, "error");
     }
   }

@@ -30,7 +30,7 @@ function start(): void {
   const colours = new ThemeController(store, document.documentElement);
   const page = new Page(
     store,
-    createRest(),
+    createRest("", ({ code }) => code === "unknown_verb" && void page.refresh()),
     openWorker(),
     reducedMotion,
   );
@@ -60,6 +60,7 @@ function start(): void {
   }
   publish(page, stage);
   page.start(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/v1/stream`);
+  addEventListener("focus", () => void page.refresh());
   const frame = (ms: number) => {
     page.frame(ms);
     requestAnimationFrame(frame);

@@ -184,6 +184,8 @@ export interface App {
   on<Name extends keyof AppEvents>(event: Name, then: (event: AppEvents[Name]) => void): () => void;
   /** Reload the verbs and the current description, as after an upload or an activation. */
   reload(): Promise<void>;
+  /** Reload the list of verbs if another client changed it. */
+  refresh(): Promise<void>;
   /** Show a notice for a few seconds; errors stay until dismissed. */
   notify(text: string, kind?: "note" | "error"): void;
 }

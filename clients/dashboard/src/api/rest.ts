@@ -22,7 +22,9 @@ export class Problem extends Error {
   }
 }
 
-export function createRest(base = ""): Rest {
+/** @param onProblem called with every failed response, before it is thrown */
+export function createRest(base = "", onProblem: (problem: Problem) => void = () => {}): Rest {
+  const send = (path: string, init?: RequestInit) => request(path, init, onProblem);
   const json = async <T>(path: string, init?: RequestInit): Promise<T> => (await send(base + path, init)).json();
   const at = (verb: string) => `/v1/verbs/${encodeURIComponent(verb)}`;
   const job = (id: string) => `/v1/refinements/${encodeURIComponent(id)}`;
@@ -75,7 +77,11 @@ function postJson(body: unknown, signal?: AbortSignal) {
   };
 }
 
-async function send(path: string, init: RequestInit | undefined): Promise<Response> {
+async function request(
+  path: string,
+  init: RequestInit | undefined,
+  onProblem: (problem: Problem) => void,
+): Promise<Response> {
   let response: Response;
   try {
     response = await fetch(path, init);
@@ -83,8 +89,10 @@ async function send(path: string, init: RequestInit | undefined): Promise<Respon
     if (err instanceof DOMException && err.name === "AbortError") throw err;
     throw offline();
   }
-  if (!response.ok) throw problemOf(response.status, await response.text());
-  return response;
+  if (response.ok) return response;
+  const problem = problemOf(response.status, await response.text());
+  onProblem(problem);
+  throw problem;
 }
 
 function offline(): Problem {

@@ -153,6 +153,32 @@ def test_a_chosen_folder_is_built_and_opened(page, tmp_path):
     page.until("adverb.view.verb === 'wave' && adverb.shown.main?.version === 1")
 
 
+def test_a_second_upload_waits_for_the_first(page, tmp_path):
+    page.open(verb="reach")
+    page.tab.get_by_role("tab", name="Upload").click()
+    for name in ("first", "second"):
+        page.tab.locator("input[webkitdirectory]").set_input_files(source_folder(tmp_path, name))
+    page.tab.get_by_text("second.zip is queued").wait_for()
+    page.tab.get_by_text("Published first v1").wait_for()
+    page.tab.get_by_text("Published second v1").wait_for()
+
+
+def test_an_existing_verb_is_replaced_only_after_confirmation(page, tmp_path):
+    page.open(verb="reach")
+    page.tab.get_by_role("tab", name="Upload").click()
+    folder = source_folder(tmp_path, "twice")
+    choose = page.tab.locator("input[webkitdirectory]")
+    choose.set_input_files(folder)
+    page.tab.get_by_text("Published twice v1").wait_for()
+    choose.set_input_files(folder)
+    page.tab.get_by_role("button", name="Cancel").click()
+    source = folder / "verb.toml"
+    source.write_text(source.read_text().replace('description = "', 'description = "Changed: ', 1))
+    choose.set_input_files(folder)
+    page.tab.get_by_role("button", name="Publish as v2").click()
+    page.tab.get_by_text("Published twice v2").wait_for()
+
+
 def test_a_deleted_verb_leaves_the_menu_and_the_page_leaves_it(page, tmp_path):
     page.open(verb="reach")
     page.tab.get_by_role("tab", name="Upload").click()

@@ -7,6 +7,7 @@ import type { App, Upload, VerbSummary } from "../types";
 import { bytes } from "../units";
 import { Disposables } from "./parts/disposables";
 import { type FolderFile, readChosenFolder, readDroppedFolder, zipFolder } from "./parts/folder";
+import { SerialQueue } from "./parts/serial_queue";
 import { readVerbName } from "./parts/verb_name";
 
 const TICK_MS = 250;
@@ -22,42 +23,46 @@ const NEEDS = [
 export function mount(host: HTMLElement, app: App): () => void {
   const disposables = new Disposables();
   const stop = new AbortController();
-  const status = h("div", { className: "upload", role: "status" });
-  let busy = false;
+  const queue = new SerialQueue();
+  const list = h("div", { className: "uploads" });
 
-  const send = async (file: File) => {
-    if (busy) return;
-    busy = true;
-    try {
+  /** Status element of one upload, above those of earlier ones. */
+  const addStatus = () => {
+    const status = h("div", { className: "upload", role: "status" });
+    list.prepend(status);
+    return status;
+  };
+  const enqueue = (file: File) => {
+    const status = addStatus();
+    const task = async () => {
       const expected = await confirmReplace(status, app, file);
-      if (expected !== "no") await upload(status, app, file, expected, stop.signal);
-    } finally {
-      busy = false;
-    }
+      if (expected !== "no" && !stop.signal.aborted) await upload(status, app, file, expected, stop.signal);
+    };
+    if (queue.add(task)) showQueued(status, file, () => queue.remove(task));
   };
   const pack = async (files: FolderFile[] | Promise<FolderFile[]>) => {
     try {
-      await send(await zipFolder(await files));
+      enqueue(await zipFolder(await files));
     } catch (err) {
-      showError(status, err);
+      showError(addStatus(), err);
     }
   };
   const take = async (files: DataTransfer | FileList | null) => {
     const list = files instanceof DataTransfer ? files.files : files;
     const file = list?.[0];
-    if (busy || !file) return;
+    if (!file) return;
     const entry = files instanceof DataTransfer ? files.items[0]?.webkitGetAsEntry() : null;
-    if (list.length > 1) showStatus(status, "bad", "Upload one verb at a time: one folder, zip or artifact.");
+    if (list.length > 1) showStatus(addStatus(), "bad", "Upload one verb at a time: one folder, zip or artifact.");
     else if (entry?.isDirectory) await pack(readDroppedFolder(entry as FileSystemDirectoryEntry));
-    else await send(file);
+    else enqueue(file);
   };
   const folder = async (list: FileList | null) => {
-    if (!busy && list && list.length > 0) await pack(readChosenFolder(list));
+    if (list && list.length > 0) await pack(readChosenFolder(list));
   };
   host.append(
     dropZone((files) => void take(files)),
     folderPicker((list) => void folder(list)),
-    status,
+    list,
     needs(),
   );
   disposables.add(() => stop.abort());
@@ -136,7 +141,7 @@ async function confirmReplace(status: HTMLElement, app: App, file: File): Promis
   return new Promise((answer) => {
     const accept = () => answer(known.version);
     const decline = () => {
-      status.replaceChildren();
+      status.remove();
       answer("no");
     };
     const publish = h("button", { type: "button", className: "primary", onclick: accept }, `Publish as v${next}`);
@@ -201,14 +206,23 @@ function showResult(status: HTMLElement, app: App, { verb, version, warnings }: 
   if (warnings.length > 0)
     status.append(h("ul", { className: "skipped" }, ...warnings.map((line) => h("li", {}, line))));
   const fresh = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "", slice: null };
-  const onclick = () => app.store.change({ verb, ...fresh, compare: { kind: "none" }, panel: "verb" });
+  const onclick = () => app.store.change({ verb, ...fresh, compare: { kind: "none" }, panel: "verb" }, true);
   status.append(
     h("div", { className: "actions" }, h("button", { type: "button", className: "primary", onclick }, "Open")),
   );
 }
 
+function showQueued(status: HTMLElement, file: File, remove: () => void): void {
+  showStatus(status, "warn", `${file.name} is queued and starts after the running upload.`);
+  const onclick = () => {
+    remove();
+    status.remove();
+  };
+  status.append(h("div", { className: "actions" }, h("button", { type: "button", onclick }, "Cancel")));
+}
+
 function showError(status: HTMLElement, err: unknown): void {
-  if (err instanceof DOMException && err.name === "AbortError") return status.replaceChildren();
+  if (err instanceof DOMException && err.name === "AbortError") return status.remove();
   const readOnly = err instanceof Problem && err.code === "read_only";
   showStatus(status, "bad", readOnly ? `Read-only: ${err.detail}.` : textOf(err));
 }

@@ -13,7 +13,7 @@ export interface paths {
         };
         /**
          * Alive
-         * @description Say that the process answers; it may still be loading verbs.
+         * @description Return 200 while the process runs; verbs may still be loading.
          */
         get: operations["live"];
         put?: never;
@@ -33,7 +33,7 @@ export interface paths {
         };
         /**
          * Metrics
-         * @description Give all metrics in Prometheus' text form. A plain function, since writing them takes milliseconds.
+         * @description Return all metrics in Prometheus text format. Runs in a thread, since it takes milliseconds.
          */
         get: operations["metrics"];
         put?: never;
@@ -53,9 +53,9 @@ export interface paths {
         };
         /**
          * Ready
-         * @description Say that verbs are loaded and kernels warm, and which files of the data folder cannot be served.
+         * @description Return 200 once verbs are loaded and kernels compiled, with the data files that cannot be served.
          *
-         *     While the database is away verbs are served from memory: still ready, `degraded`, and `problem` says why.
+         *     While the database is unavailable, verbs are served from memory: ready, `degraded`, with the reason as `problem`.
          */
         get: operations["ready"];
         put?: never;
@@ -75,7 +75,7 @@ export interface paths {
         };
         /**
          * List refinements
-         * @description Tell which refinements there were, the newest first.
+         * @description List refinements, the newest first.
          */
         get: operations["list_refinements"];
         put?: never;
@@ -95,14 +95,14 @@ export interface paths {
         };
         /**
          * Show a refinement
-         * @description Tell how far a refinement is: state, pseudo-examples, and the error with each of them so far.
+         * @description Show a refinement: its state, pseudo-examples, and the error after each of them.
          */
         get: operations["show_refinement"];
         put?: never;
         post?: never;
         /**
          * Cancel a refinement
-         * @description Stop a refinement after its current step; nothing is published. One that has ended stays as it is.
+         * @description Stop a refinement after its current step without publishing. One that has ended is returned unchanged.
          */
         delete: operations["cancel_refinement"];
         options?: never;
@@ -119,7 +119,7 @@ export interface paths {
         };
         /**
          * Follow a refinement
-         * @description Send an event with the refinement, as `GET` gives it, whenever it changes; the last one when it has ended.
+         * @description Send an event with the refinement whenever it changes; the last event when it has ended.
          */
         get: operations["follow_refinement"];
         put?: never;
@@ -139,7 +139,7 @@ export interface paths {
         };
         /**
          * List the verbs
-         * @description Name the verbs that are served, with their versions and adverbs.
+         * @description List the verbs that are served, with their versions and adverbs.
          */
         get: operations["list_verbs"];
         put?: never;
@@ -166,7 +166,7 @@ export interface paths {
         };
         /**
          * Describe a verb
-         * @description Tell all about one verb: adverbs and their ranges, skeleton, examples, domain, methods, measured quality.
+         * @description Describe one verb: adverbs and their ranges, skeleton, examples, domain, methods, measured quality.
          *
          *     The answer carries an `ETag`; send it back as `If-None-Match` to be told in a few bytes that nothing changed.
          */
@@ -175,7 +175,7 @@ export interface paths {
         post?: never;
         /**
          * Delete a verb
-         * @description Stop serving a verb. Its versions stay for a while: activating one brings it back.
+         * @description Stop serving a verb. Its versions are kept for a while; activating one serves it again.
          */
         delete: operations["delete_verb"];
         options?: never;
@@ -194,7 +194,7 @@ export interface paths {
         put?: never;
         /**
          * One pose
-         * @description Blend one pose at adverbs and an instant, and say how far it is from what was asked.
+         * @description Evaluate one pose at adverbs and a phase or time, with its error.
          *
          *     With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
          *     `weights`, `measured` and `met` have no place there.
@@ -217,7 +217,7 @@ export interface paths {
         put?: never;
         /**
          * Many poses
-         * @description Blend a pose for each character of a crowd, in one call.
+         * @description Evaluate a pose for each character of a crowd.
          *
          *     A binary body (`Content-Type: application/octet-stream`) is one row of little-endian float32 per pose: the
          *     adverbs in the verb's order, then the phase; its options stand in the query. A binary answer is one record per
@@ -239,7 +239,7 @@ export interface paths {
         };
         /**
          * Maps of error and smoothness
-         * @description Measure a method over a plane of adverbs: the error, and how much its weights bend (κ).
+         * @description Map the error of a method and the curvature κ of its weights over a plane of adverbs.
          *
          *     Nodes outside the domain are null. κ scales with the square of the spacing: compare maps of one grid only.
          */
@@ -263,7 +263,9 @@ export interface paths {
         put?: never;
         /**
          * Refine a verb
-         * @description Have a worker insert pseudo-examples where the verb is worst; the result is published if it is better.
+         * @description Queue a refinement: a worker adds pseudo-examples where the error is largest, and publishes a better result.
+         *
+         *     The new version becomes current only if the version that the refinement started from still is.
          */
         post: operations["refine_verb"];
         delete?: never;
@@ -283,7 +285,7 @@ export interface paths {
         put?: never;
         /**
          * A whole motion
-         * @description Blend a whole motion at `fps` frames per second, at constant adverbs or along a track of them.
+         * @description Evaluate a whole motion at `fps` frames per second, at constant adverbs or along a track of them.
          *
          *     Frames stand at 0, 1/fps, … up to the last one that is not past the end. As `application/octet-stream` the answer
          *     is one binary record per frame, channel 0, the last one flagged; as `text/x-bvh` it is a file in metres and degrees,
@@ -305,7 +307,7 @@ export interface paths {
         };
         /**
          * List the versions of a verb
-         * @description Tell which versions there are, who made them and why, how good they are, and which one is served.
+         * @description List the versions with their authors, reasons and quality, and the current one.
          */
         get: operations["list_versions"];
         put?: never;
@@ -325,7 +327,7 @@ export interface paths {
         };
         /**
          * Download a version
-         * @description Give a version's artifact.
+         * @description Return the artifact of a version.
          */
         get: operations["download_version"];
         put?: never;
@@ -347,7 +349,7 @@ export interface paths {
         put?: never;
         /**
          * Serve another version
-         * @description Roll a verb back or forward. Streams pass to it between two frames.
+         * @description Roll a verb back or forward. Streams change to the version between two frames.
          */
         post: operations["activate_version"];
         delete?: never;
@@ -365,7 +367,7 @@ export interface paths {
         };
         /**
          * Alive (KServe v2)
-         * @description Say that the process answers; it may still be loading verbs.
+         * @description Return 200 while the process runs; verbs may still be loading.
          */
         get: operations["live_kserve"];
         put?: never;
@@ -385,9 +387,9 @@ export interface paths {
         };
         /**
          * Ready (KServe v2)
-         * @description Say that verbs are loaded and kernels warm, and which files of the data folder cannot be served.
+         * @description Return 200 once verbs are loaded and kernels compiled, with the data files that cannot be served.
          *
-         *     While the database is away verbs are served from memory: still ready, `degraded`, and `problem` says why.
+         *     While the database is unavailable, verbs are served from memory: ready, `degraded`, with the reason as `problem`.
          */
         get: operations["ready_kserve"];
         put?: never;
@@ -409,7 +411,7 @@ export interface components {
         BatchItem: {
             /**
              * Adverbs
-             * @description All adverbs of the verb by name, in their units. Values outside the domain are drawn back to it.
+             * @description All adverbs of the verb by name, in their units. Values outside the domain are moved to its edge.
              * @example {
              *       "x": -0.3,
              *       "y": 1.2,
@@ -421,18 +423,18 @@ export interface components {
             };
             /**
              * Phase
-             * @description Canonical time, 0 to 1; a looping verb's goes on past 1. 0 by default.
+             * @description Canonical time, 0 to 1; beyond 1 for further cycles of a looping verb. Default 0.
              */
             phase?: number | null;
             /**
              * Time
-             * @description Seconds from the start, instead of a phase; the end holds.
+             * @description Seconds from the start, instead of a phase; a time past the end is the end.
              */
             time?: number | null;
         };
         /**
          * BatchRequest
-         * @description Many poses of one verb. All items give a phase, or all a time.
+         * @description Many poses of one verb. Either all items have a phase, or all have a time.
          * @example {
          *       "items": [
          *         {
@@ -459,32 +461,32 @@ export interface components {
             items: components["schemas"]["BatchItem"][];
             /**
              * Joints
-             * @description Joints to give, in this order; all by default.
+             * @description Joints to return, in this order. Default: all.
              * @default null
              */
             joints: string[] | null;
             /**
              * Method
-             * @description Blending method, one of the verb's `methods`; by default its `default_method`.
+             * @description Blending method, one of the verb's `methods`. Default: its `default_method`.
              * @default null
              */
             method: string | null;
             /**
              * Space
-             * @description `global` gives rotations in the verb's space, and the joints' positions.
+             * @description `global` returns rotations in the verb's space, and the joints' positions.
              * @default local
              * @enum {string}
              */
             space: "local" | "global";
             /**
              * Version
-             * @description The version that must answer; by default the current one.
+             * @description The version to evaluate. Default: the current one.
              * @default null
              */
             version: number | null;
             /**
              * Weights
-             * @description Whether to give the examples' weights too.
+             * @description Whether to return the examples' weights.
              * @default false
              */
             weights: boolean;
@@ -594,7 +596,7 @@ export interface components {
         };
         /**
          * Live
-         * @description The process answers.
+         * @description Liveness.
          */
         Live: {
             /** Live */
@@ -773,12 +775,12 @@ export interface components {
         };
         /**
          * PoseAnswer
-         * @description One pose, and how far it is from what was asked.
+         * @description One pose and its error.
          */
         PoseAnswer: {
             /**
              * Clamped
-             * @description Whether the adverbs were drawn back to the domain.
+             * @description Whether the adverbs were moved to the nearest point of the domain.
              */
             clamped: boolean;
             /**
@@ -788,19 +790,19 @@ export interface components {
             duration: number;
             /**
              * Error
-             * @description Distance between asked and measured; null where nothing is.
+             * @description Distance between goal and measured position; null if nothing is measured.
              */
             error: number | null;
             /**
              * Measured
-             * @description What the measured adverbs come to.
+             * @description Values of the measured adverbs.
              */
             measured: {
                 [key: string]: number;
             };
             /**
              * Met
-             * @description Whether `error` is within `max_error`, where given.
+             * @description Whether `error` is at most `max_error`, if given.
              */
             met?: boolean | null;
             /** Method */
@@ -822,7 +824,7 @@ export interface components {
             root: number[];
             /**
              * Root Velocity
-             * @description Of a striding root: sideways, forward (m/s), turn (rad/s).
+             * @description If the root moves over a cycle: sideways, forward (m/s), turn (rad/s).
              */
             root_velocity?: number[] | null;
             /**
@@ -837,7 +839,7 @@ export interface components {
             time: number;
             /**
              * Tried
-             * @description What was done to meet `max_error`, in order, where it was given.
+             * @description Methods tried to meet `max_error`, in order, if given.
              */
             tried?: string[] | null;
             /** Verb */
@@ -846,7 +848,7 @@ export interface components {
             version: number;
             /**
              * Weights
-             * @description Weights of the examples, where asked for; sum 1.
+             * @description Weights of the examples, if requested; their sum is 1.
              */
             weights?: number[] | null;
         };
@@ -865,7 +867,7 @@ export interface components {
         PoseRequest: {
             /**
              * Adverbs
-             * @description All adverbs of the verb by name, in their units. Values outside the domain are drawn back to it.
+             * @description All adverbs of the verb by name, in their units. Values outside the domain are moved to its edge.
              * @example {
              *       "x": -0.3,
              *       "y": 1.2,
@@ -877,50 +879,50 @@ export interface components {
             };
             /**
              * Joints
-             * @description Joints to give, in this order; all by default.
+             * @description Joints to return, in this order. Default: all.
              * @default null
              */
             joints: string[] | null;
             /**
              * Max Error
-             * @description Largest error that the client can use, metres: rbf, search, corrected and a polish of the joints are tried in this order, from `method` on where it is given, until it is met. `tried` in the answer says what was done, `met` whether it was enough; the pose is given either way.
+             * @description Largest acceptable error, metres. rbf, search, corrected and a polish of joints are tried in this order, from `method` on if given, until the error is met. `tried` lists what was done, and `met` whether it was enough; the pose is returned either way.
              * @default null
              */
             max_error: number | null;
             /**
              * Method
-             * @description Blending method, one of the verb's `methods`; by default its `default_method`.
+             * @description Blending method, one of the verb's `methods`. Default: its `default_method`.
              * @default null
              */
             method: string | null;
             /**
              * Phase
-             * @description Canonical time, 0 to 1; a looping verb's goes on past 1. 0 by default.
+             * @description Canonical time, 0 to 1; beyond 1 for further cycles of a looping verb. Default 0.
              * @default null
              */
             phase: number | null;
             /**
              * Space
-             * @description `global` gives rotations in the verb's space, and the joints' positions.
+             * @description `global` returns rotations in the verb's space, and the joints' positions.
              * @default local
              * @enum {string}
              */
             space: "local" | "global";
             /**
              * Time
-             * @description Seconds from the start, instead of a phase; the end holds.
+             * @description Seconds from the start, instead of a phase; a time past the end is the end.
              * @default null
              */
             time: number | null;
             /**
              * Version
-             * @description The version that must answer; by default the current one.
+             * @description The version to evaluate. Default: the current one.
              * @default null
              */
             version: number | null;
             /**
              * Weights
-             * @description Whether to give the examples' weights too.
+             * @description Whether to return the examples' weights.
              * @default false
              */
             weights: boolean;
@@ -946,14 +948,14 @@ export interface components {
         ProblemAnswer: {
             /**
              * Code
-             * @description Stable: programs may compare it.
+             * @description Stable code for programs.
              */
             code: string;
             /** Detail */
             detail: string;
             /**
              * Errors
-             * @description Where a body does not fit its schema.
+             * @description Places at which a body does not match its schema.
              * @default null
              */
             errors: components["schemas"]["_Mistake"][] | null;
@@ -965,7 +967,7 @@ export interface components {
             known: string[] | null;
             /**
              * Limit
-             * @description What is allowed at most.
+             * @description The limit that was exceeded.
              * @default null
              */
             limit: number | null;
@@ -978,7 +980,7 @@ export interface components {
         };
         /**
          * QualityAnswer
-         * @description What a method does over a plane of adverbs.
+         * @description Error and smoothness of a method over a plane of adverbs.
          */
         QualityAnswer: {
             /** Across */
@@ -990,7 +992,7 @@ export interface components {
             columns: number[];
             /**
              * Error
-             * @description Rows by columns; null outside the domain and where nothing is measured.
+             * @description Rows by columns; null outside the domain and if nothing is measured.
              */
             error: (number | null)[][];
             /** Error Max */
@@ -999,7 +1001,7 @@ export interface components {
             error_mean: number | null;
             /**
              * Held
-             * @description The other adverbs.
+             * @description Values of the other adverbs.
              */
             held: {
                 [key: string]: number;
@@ -1013,7 +1015,7 @@ export interface components {
             rows: number[];
             /**
              * Smoothness
-             * @description κ of the weights; null where not all neighbours lie inside.
+             * @description Curvature κ of the weights; null at nodes with a neighbour outside the domain.
              */
             smoothness: (number | null)[][];
             /** Smoothness Max */
@@ -1027,7 +1029,7 @@ export interface components {
             unit: string;
             /**
              * Up
-             * @description The same as `across` where the verb has one adverb: one row.
+             * @description Equal to `across` if the verb has one adverb; then there is one row.
              */
             up: string;
             /** Verb */
@@ -1037,17 +1039,17 @@ export interface components {
         };
         /**
          * Ready
-         * @description Verbs are loaded and kernels warm.
+         * @description Readiness: verbs are loaded and kernels compiled.
          */
         Ready: {
             /**
              * Degraded
-             * @description Verbs are served as they were: the store cannot be reached now.
+             * @description The store is unavailable; verbs are served from memory.
              */
             degraded: boolean;
             /**
              * Problem
-             * @description What is wrong, where it is degraded.
+             * @description Reason, if degraded.
              */
             problem: string | null;
             /** Ready */
@@ -1065,10 +1067,6 @@ export interface components {
          * @description One refinement.
          */
         RefinementAnswer: {
-            /** Asked */
-            asked: {
-                [key: string]: unknown;
-            };
             /** Created At */
             created_at: number;
             /** Detail */
@@ -1080,6 +1078,13 @@ export interface components {
              * @description `pseudo`, `error_mean`, `error_max`, and the `curve`.
              */
             progress: {
+                [key: string]: unknown;
+            };
+            /**
+             * Request
+             * @description Request of the refinement, with its defaults filled in.
+             */
+            request: {
                 [key: string]: unknown;
             };
             /**
@@ -1106,7 +1111,7 @@ export interface components {
         };
         /**
          * RefinementRequest
-         * @description What a refinement should come to.
+         * @description Options of a refinement.
          */
         RefinementRequest: {
             /**
@@ -1123,14 +1128,14 @@ export interface components {
             max_pseudo: number;
             /**
              * Method
-             * @description Method by which the result is judged.
+             * @description Method by which the result is evaluated.
              * @default refined
              * @enum {string}
              */
             method: "refined" | "hybrid";
             /**
              * Priority
-             * @description 1 is served first.
+             * @description 1 is the highest.
              * @default 50
              */
             priority: number;
@@ -1141,13 +1146,13 @@ export interface components {
             seed: number;
             /**
              * Target Error
-             * @description Largest error at which to stop, as a share of the goals' diagonal.
+             * @description Largest error at which to stop, as a share of the diagonal of the examples' goals.
              * @default 0.01
              */
             target_error: number;
             /**
              * Weighted By Traffic
-             * @description Whether to look first where the verb is asked.
+             * @description Whether to refine first where clients request the verb.
              * @default false
              */
             weighted_by_traffic: boolean;
@@ -1174,27 +1179,27 @@ export interface components {
         SequenceAnswer: {
             /**
              * Clamped
-             * @description Whether the adverbs of any frame were drawn back to the domain.
+             * @description Whether the adverbs of any frame were outside the domain.
              */
             clamped: boolean;
             /**
              * Duration
-             * @description Seconds of the motion, all cycles; of a track: of its frames.
+             * @description Seconds of the motion, all cycles; with a track, of its frames.
              */
             duration: number;
             /**
              * Error
-             * @description Of a track, the largest.
+             * @description With a track, the largest error.
              */
             error: number | null;
             /**
              * Errors
-             * @description Of a track: the error of each frame.
+             * @description With a track: the error of each frame.
              */
             errors?: (number | null)[] | null;
             /**
              * Events
-             * @description Keytimes that pass, by name.
+             * @description Keytimes within the motion, by name.
              */
             events: components["schemas"]["_Event"][];
             /** Fps */
@@ -1203,7 +1208,7 @@ export interface components {
             frames: number;
             /**
              * Measured
-             * @description What measured adverbs come to; not of a track.
+             * @description Values of the measured adverbs; null with a track.
              */
             measured: {
                 [key: string]: number;
@@ -1228,13 +1233,13 @@ export interface components {
             version: number;
             /**
              * Weights
-             * @description Where asked for: one row, or of a track one per frame.
+             * @description If requested: one row, or with a track one for each frame.
              */
             weights?: number[][] | null;
         };
         /**
          * SequenceRequest
-         * @description A whole motion: at constant adverbs, or along a track of them.
+         * @description A whole motion, with constant adverbs or along a track of them.
          * @example {
          *       "adverbs": {
          *         "x": -0.3,
@@ -1266,38 +1271,38 @@ export interface components {
             fps: number;
             /**
              * Joints
-             * @description Joints to give, in this order; all by default.
+             * @description Joints to return, in this order. Default: all.
              * @default null
              */
             joints: string[] | null;
             /**
              * Method
-             * @description Blending method, one of the verb's `methods`; by default its `default_method`.
+             * @description Blending method, one of the verb's `methods`. Default: its `default_method`.
              * @default null
              */
             method: string | null;
             /**
              * Space
-             * @description `global` gives rotations in the verb's space, and the joints' positions.
+             * @description `global` returns rotations in the verb's space, and the joints' positions.
              * @default local
              * @enum {string}
              */
             space: "local" | "global";
             /**
              * Track
-             * @description Adverbs over time instead of constant ones: linear between the points, whose times rise, and held before and after them.
+             * @description Adverbs over time instead of constant ones: linear between points of rising time, constant before and after them.
              * @default null
              */
             track: components["schemas"]["TrackPoint"][] | null;
             /**
              * Version
-             * @description The version that must answer; by default the current one.
+             * @description The version to evaluate. Default: the current one.
              * @default null
              */
             version: number | null;
             /**
              * Weights
-             * @description Whether to give the examples' weights too.
+             * @description Whether to return the examples' weights.
              * @default false
              */
             weights: boolean;
@@ -1443,12 +1448,12 @@ export interface components {
         };
         /**
          * TrackPoint
-         * @description Adverbs at an instant.
+         * @description Adverbs at a time.
          */
         TrackPoint: {
             /**
              * Adverbs
-             * @description All adverbs of the verb by name, in their units. Values outside the domain are drawn back to it.
+             * @description All adverbs of the verb by name, in their units. Values outside the domain are moved to its edge.
              * @example {
              *       "x": -0.3,
              *       "y": 1.2,
@@ -1466,9 +1471,14 @@ export interface components {
         };
         /**
          * UploadAnswer
-         * @description The version that an upload became.
+         * @description The version that an upload created.
          */
         UploadAnswer: {
+            /**
+             * Author
+             * @description Client or refinement that published it.
+             */
+            author: string;
             /** Bytes */
             bytes: number;
             /**
@@ -1478,7 +1488,7 @@ export interface components {
             created_at: number;
             /**
              * Current
-             * @description Whether it is the one that is served.
+             * @description Whether this version is served.
              */
             current: boolean;
             /**
@@ -1490,6 +1500,8 @@ export interface components {
             quality: {
                 [key: string]: unknown;
             };
+            /** Reason */
+            reason: string;
             /** Sha256 */
             sha256: string;
             /** Verb */
@@ -1498,16 +1510,9 @@ export interface components {
             version: number;
             /**
              * Warnings
-             * @description What its author should know.
+             * @description Warnings of the build.
              */
             warnings: string[];
-            /**
-             * Who
-             * @description Who published it.
-             */
-            who: string;
-            /** Why */
-            why: string;
         };
         /** ValidationError */
         ValidationError: {
@@ -1524,7 +1529,7 @@ export interface components {
         };
         /**
          * VerbAnswer
-         * @description All that a client needs to know about a verb.
+         * @description Description of a verb.
          */
         VerbAnswer: {
             /** Adverbs */
@@ -1551,12 +1556,12 @@ export interface components {
             name: string;
             /**
              * Pseudo Examples
-             * @description Where refinement put some.
+             * @description Pseudo-examples that a refinement added.
              */
             pseudo_examples: components["schemas"]["_PseudoExample"][];
             /**
              * Quality
-             * @description Figures that were measured when the verb was built.
+             * @description Figures measured when the verb was built.
              */
             quality: {
                 [key: string]: unknown;
@@ -1619,6 +1624,11 @@ export interface components {
          * @description One version of a verb.
          */
         VersionAnswer: {
+            /**
+             * Author
+             * @description Client or refinement that published it.
+             */
+            author: string;
             /** Bytes */
             bytes: number;
             /**
@@ -1628,7 +1638,7 @@ export interface components {
             created_at: number;
             /**
              * Current
-             * @description Whether it is the one that is served.
+             * @description Whether this version is served.
              */
             current: boolean;
             /**
@@ -1640,19 +1650,14 @@ export interface components {
             quality: {
                 [key: string]: unknown;
             };
+            /** Reason */
+            reason: string;
             /** Sha256 */
             sha256: string;
             /** Verb */
             verb: string;
             /** Version */
             version: number;
-            /**
-             * Who
-             * @description Who published it.
-             */
-            who: string;
-            /** Why */
-            why: string;
         };
         /**
          * VersionsAnswer
@@ -1678,7 +1683,7 @@ export interface components {
             name: string;
             /**
              * Style
-             * @description True where the motion cannot be measured for it.
+             * @description True if the adverb cannot be measured from the motion.
              */
             style: boolean;
             /** Unit */
@@ -1727,7 +1732,7 @@ export interface components {
             name: string;
             /**
              * Point
-             * @description Where its effector is at the keytime, or (x, rise, z) of a jump, metres; null elsewhere.
+             * @description Effector position at the keytime, or (x, rise, z) of a jump, metres; null for other measures.
              */
             point: number[] | null;
         };
@@ -1742,7 +1747,7 @@ export interface components {
             effector: string | null;
             /**
              * Frame
-             * @description Of joint_position: 3 rows; a goal is origin + frame · measured adverbs.
+             * @description For joint_position: 3 rows; a goal is origin + frame · measured adverbs.
              */
             frame: number[][] | null;
             /** Keytime */
@@ -1754,7 +1759,7 @@ export interface components {
             kind: string;
             /**
              * Origin
-             * @description Of joint_position: where measured adverbs of 0 are, metres.
+             * @description For joint_position: the point whose measured adverbs are 0, metres.
              */
             origin: number[] | null;
             /**
@@ -1805,7 +1810,7 @@ export interface components {
             parents: number[];
             /**
              * Tips
-             * @description Ends of fingers, toes, crown: they have no rotation.
+             * @description End points of fingers, toes and head, without rotations.
              */
             tips: components["schemas"]["_Tip"][];
         };
@@ -1850,6 +1855,15 @@ export interface operations {
                     "application/json": components["schemas"]["Live"];
                 };
             };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
     metrics: {
@@ -1870,6 +1884,15 @@ export interface operations {
                     "text/plain": string;
                 };
             };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
     ready: {
@@ -1888,6 +1911,15 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Ready"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description Not ready */
@@ -1923,8 +1955,17 @@ export interface operations {
                     "application/json": components["schemas"]["RefinementList"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Read-only server */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -1981,8 +2022,17 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Read-only server */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2030,6 +2080,15 @@ export interface operations {
                     "application/json": components["schemas"]["RefinementAnswer"];
                 };
             };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown refinement */
             404: {
                 headers: {
@@ -2039,8 +2098,17 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Read-only server */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2097,8 +2165,17 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Read-only server */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2144,6 +2221,15 @@ export interface operations {
                     "application/json": components["schemas"]["VerbList"];
                 };
             };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Not ready */
             503: {
                 headers: {
@@ -2187,7 +2273,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -2196,7 +2291,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Other version */
+            /** @description Version conflict */
             412: {
                 headers: {
                     [name: string]: unknown;
@@ -2223,7 +2318,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Request cannot be answered; upload is no verb */
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Bad request; invalid upload */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -2280,6 +2384,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Validation Error */
             422: {
                 headers: {
@@ -2319,6 +2432,15 @@ export interface operations {
                 };
                 content?: never;
             };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb */
             404: {
                 headers: {
@@ -2328,7 +2450,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Read-only server */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -2337,7 +2459,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Other version */
+            /** @description Version conflict */
             412: {
                 headers: {
                     [name: string]: unknown;
@@ -2346,7 +2468,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Request cannot be answered */
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Bad request */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -2401,6 +2532,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb; unknown version */
             404: {
                 headers: {
@@ -2430,6 +2570,15 @@ export interface operations {
             };
             /** @description Unsupported media type */
             415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2502,6 +2651,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb; unknown version */
             404: {
                 headers: {
@@ -2531,6 +2689,15 @@ export interface operations {
             };
             /** @description Unsupported media type */
             415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2601,6 +2768,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Invalid request */
             422: {
                 headers: {
@@ -2655,6 +2831,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb */
             404: {
                 headers: {
@@ -2664,7 +2849,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing; already refining */
+            /** @description Read-only server; already refining */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -2675,6 +2860,15 @@ export interface operations {
             };
             /** @description Unsupported media type */
             415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2738,6 +2932,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb; unknown version */
             404: {
                 headers: {
@@ -2767,6 +2970,15 @@ export interface operations {
             };
             /** @description Unsupported media type */
             415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2824,8 +3036,17 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Read-only server */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2885,8 +3106,17 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Read-only server */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2937,6 +3167,15 @@ export interface operations {
                     "application/json": components["schemas"]["VersionAnswer"];
                 };
             };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb; unknown version */
             404: {
                 headers: {
@@ -2946,7 +3185,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Server keeps nothing */
+            /** @description Read-only server */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -2955,7 +3194,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Other version */
+            /** @description Version conflict */
             412: {
                 headers: {
                     [name: string]: unknown;
@@ -2964,7 +3203,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Request cannot be answered */
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Bad request */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -3002,6 +3250,15 @@ export interface operations {
                     "application/json": components["schemas"]["Live"];
                 };
             };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
     ready_kserve: {
@@ -3020,6 +3277,15 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Ready"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description Not ready */

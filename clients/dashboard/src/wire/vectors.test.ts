@@ -17,7 +17,7 @@ import {
   readRecordHead,
   writeAdverbs,
 } from "./decode";
-import { readText } from "./text";
+import { readText } from "./server_messages";
 
 type Rejection = "required" | "optional" | null;
 type LayoutVector = { encoding: Encoding; joints: number; record_bytes: number };

@@ -18,8 +18,8 @@ COPY service /src/service
 COPY --from=dashboard /src/service/static /src/service/static
 RUN pip wheel --no-deps --no-build-isolation --wheel-dir /wheels /src \
     && /opt/adverb/bin/pip install --no-deps /wheels/*.whl
-# For any processor of this architecture: without a name, kernels fit the building machine alone, and would be compiled
-# anew, minutes long, wherever another one starts the image.
+# Kernels for any processor of this architecture. Without this they fit the building machine only, and other machines
+# compile them again at the start, for minutes.
 ENV NUMBA_CPU_NAME=generic OPENBLAS_NUM_THREADS=1
 RUN NUMBA_CACHE_DIR=/opt/adverb/kernels /opt/adverb/bin/python -m service.run.warmup
 COPY deploy/start /opt/adverb/bin/start

@@ -1,4 +1,4 @@
-"""Which verbs are served: the built-in ones and those of a folder, each ready to be asked."""
+"""The served verbs, built-in ones and those of a folder, prepared for evaluation."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from verbs.verb import Verb
 __all__ = ["Catalog", "Entry", "Skipped", "files_of", "load", "skipped"]
 
 MAX_SUBSETS = 64
-"""Joint subsets that an entry remembers; a client uses one or two."""
+"""Largest number of cached joint subsets per entry; a client uses one or two."""
 
 log = structlog.get_logger("adverb.catalog")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """One version of a verb, ready to be asked.
+    """One version of a verb, prepared for evaluation.
 
     Parameters
     ----------
@@ -39,15 +39,15 @@ class Entry:
     version : int
         Counts from 1.
     path : Path
-        The file that it came from.
+        File of the artifact.
     description : bytes
-        What ``GET /v1/verbs/{verb}`` answers: it never changes, so it is written once.
+        Response of ``GET /v1/verbs/{verb}``, encoded once as it never changes.
     etag : str
-        Names the description, quoted as in HTTP.
+        ETag of the description, quoted as in HTTP.
     span_s : tuple of float
         Durations of the shortest and the longest example, seconds.
     methods : tuple of str
-        Methods that this verb can be asked with.
+        Methods of the verb.
     """
 
     verb: Verb = field(repr=False)
@@ -62,7 +62,7 @@ class Entry:
 
     @classmethod
     def of_verb(cls, verb: Verb, *, path: Path, version: int = 1) -> Entry:
-        """Make a verb ready: prepare and compile everything that a request may need."""
+        """Prepare a verb, and compile all kernels that requests may need."""
         evaluator = Evaluator(verb)
         facts = describe.describe(verb, version=version)
         _warm(evaluator)
@@ -73,19 +73,19 @@ class Entry:
         return cls(verb, evaluator, version, path, text, etag, span, tuple(facts["methods"]))
 
     def check(self, *, method: str | None) -> None:
-        """Raise :class:`UnknownName` where a method is asked for that the verb does not have."""
+        """Raise :class:`UnknownName` if the verb does not have a method."""
         if method is not None and method not in self.methods:
             raise UnknownName("method", method, self.methods)
 
     def joints(self, names: Iterable[str] | None) -> I64 | None:
-        """Indices of joints by name, remembered; None for all of them."""
+        """Indices of joints by name, cached; None for all joints."""
         if names is None:
             return None
         key = tuple(names)
         found = self._subsets.get(key)
         if found is None:
             chosen = describe.joint_indices(self.verb.skeleton, key)
-            assert chosen is not None  # None comes from None only
+            assert chosen is not None  # only None gives None
             if len(self._subsets) < MAX_SUBSETS:
                 self._subsets[key] = chosen
             return chosen
@@ -102,14 +102,14 @@ class Entry:
         return self.span_s[1]
 
     def cost_us(self, rows: int, cycles: float) -> float:
-        """What evaluating poses takes, roughly, in µs; ``cycles`` are walked through, all poses together."""
+        """Estimated time of evaluating poses, µs; ``cycles`` is the sum of integrated cycles of all poses."""
         examples, joints = len(self.verb.examples), len(self.verb.skeleton)
         return rows * (3.0 + 0.008 * examples * joints) + cycles * 0.015 * len(self.verb.strides) * examples
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """A file of the data folder that is not served, and why."""
+    """A file of the data folder that is not served, and the reason."""
 
     file: str
     problem: str
@@ -117,7 +117,7 @@ class Skipped:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Catalog:
-    """The verbs that are served. It does not change; a change is another catalog.
+    """The served verbs; immutable, so a change is a new catalog.
 
     Parameters
     ----------
@@ -138,30 +138,30 @@ class Catalog:
 
 
 def _warm(evaluator: Evaluator) -> None:
-    """Compile or load every kernel that any route may need, so that no request waits for one."""
+    """Compile or load every kernel that a route may need, so that no request waits for one."""
     evaluator.warm()
     sequence.tracked(evaluator, np.zeros(1), evaluator.verb.values[:1], 1.0)
     Characters(evaluator).warm()
 
 
 def files_of(data: Path | None) -> list[Path]:
-    """The built-in verbs' files, then those of a folder."""
+    """Files of the built-in verbs, then those of a folder."""
     builtin = [Path(library.__file__).with_name(f"{name}.verb") for name in library.names()]
     return [*builtin, *sorted(data.glob("*.verb") if data else ())]
 
 
 def skipped(path: Path, err: Exception) -> Skipped:
-    """Log and tell that a file cannot be served."""
-    problem = str(getattr(err, "problem", err)) or type(err).__name__  # without the path: clients read it
+    """Log and report a file that cannot be served."""
+    problem = str(getattr(err, "problem", err)) or type(err).__name__  # without the path, as clients read it
     log.error("verb file skipped", file=str(path), problem=problem, kind=type(err).__name__)
     return Skipped(path.name, problem)
 
 
 def load(data: Path | None) -> Catalog:
-    """Load the built-in verbs and those of a folder; what cannot be served is logged and left out.
+    """Load the built-in verbs and those of a folder; files that cannot be served are logged and skipped.
 
-    A verb of the folder takes the place of a built-in one of the same name. Of two files with one name the first,
-    in order of file names, is served.
+    A verb of the folder replaces a built-in one of the same name. Of two files with the same verb the first, in order
+    of file names, is served.
     """
     entries: dict[str, Entry] = {}
     wrong: list[Skipped] = []
@@ -171,7 +171,7 @@ def load(data: Path | None) -> Catalog:
             before = entries.get(entry.verb.name)
             if before is not None and before.path.parent == path.parent:
                 raise RequestError(f"its verb '{entry.verb.name}' is already served from {before.path.name}")
-        except Exception as err:  # whatever is wrong with one file, the others are served
+        except Exception as err:  # one invalid file must not affect the others
             wrong.append(skipped(path, err))
             continue
         if before is not None:

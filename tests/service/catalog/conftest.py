@@ -1,4 +1,4 @@
-"""Servers that keep a store, and what several tests ask of them."""
+"""Servers with a store, and helpers of several tests."""
 
 import asyncio
 import io

@@ -1,4 +1,4 @@
-"""What is served from where, and what is not."""
+"""Loading of built-in verbs and files."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""Verbs that lie as files in the data folder."""
+"""Files of verbs in the data folder."""
 
 import hashlib
 from concurrent.futures import ThreadPoolExecutor

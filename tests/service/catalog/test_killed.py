@@ -53,7 +53,7 @@ class Started:
 
 
 async def eventually(holds):
-    """What a question answers, once it answers something."""
+    """Wait until a function returns something true, and return it."""
     end = time.monotonic() + PATIENCE_S
     while not (found := holds()):
         assert time.monotonic() < end, "it did not happen in time"
@@ -62,7 +62,7 @@ async def eventually(holds):
 
 
 def lives(pid):
-    """Whether a process is there and no zombie: whoever adopts orphans here may never ask for their end."""
+    """Whether a process is running and not a zombie, as orphans may never be reaped."""
     with suppress(OSError):
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     return False
@@ -97,7 +97,7 @@ async def test_a_server_that_is_killed_in_an_upload_leaves_nothing_half_done(tmp
 
 
 async def slowly(content):
-    """Half of an upload, and then nothing more."""
+    """The first half of an upload, which then stalls."""
     yield content[: len(content) // 2]
     await asyncio.sleep(PATIENCE_S)
 
@@ -112,7 +112,7 @@ async def consistent(client, *, published):
 
 
 def refused(*arguments, **environment):
-    """What the command says when it cannot work."""
+    """Last line of the output of a command that fails."""
     process = subprocess.run(
         [sys.executable, "-c", START, "worker", "--nice", "0", *arguments],
         check=False,
@@ -125,7 +125,7 @@ def refused(*arguments, **environment):
     return process.stderr.decode().splitlines()[-1]
 
 
-def test_a_worker_whose_name_is_in_use_says_so(tmp_path):
+def test_a_worker_with_a_used_name_is_refused(tmp_path):
     locks = locks_of(f"sqlite:///{tmp_path}/state.db")
     lock = locks.acquire("mine")
     assert "another worker runs as 'mine'" in refused("--data", str(tmp_path), "--name", "mine")
@@ -133,7 +133,7 @@ def test_a_worker_whose_name_is_in_use_says_so(tmp_path):
     locks.close()
 
 
-def test_a_worker_without_a_database_says_so(tmp_path):
+def test_a_worker_without_a_database_is_refused(tmp_path):
     (tmp_path / "state.db").write_bytes(b"not a database" * 1000)
     said = refused("--data", str(tmp_path), ADVERB_DATABASE_URL=f"sqlite:///{tmp_path}/state.db")
     assert said == "error: the store is unavailable: file is not a database"
@@ -142,7 +142,7 @@ def test_a_worker_without_a_database_says_so(tmp_path):
     )
 
 
-def test_a_worker_without_a_folder_says_so(tmp_path):
+def test_a_worker_without_a_folder_is_refused(tmp_path):
     result = CliRunner().invoke(library_cli.app, ["worker", "--data", str(tmp_path / "no")])
     assert result.exit_code == 1
     assert f"the data folder {tmp_path / 'no'} does not exist" in result.stderr

@@ -1,4 +1,4 @@
-"""A database that is away, at the start or later: what is served goes on, and what waits is done when it is back."""
+"""Outages of the database, at the start and later: loaded verbs are served, the rest resumes afterwards."""
 
 import asyncio
 import time
@@ -18,7 +18,7 @@ ARM = {"adverbs": {"x": 0.4, "y": 0.3}}
 
 
 async def answered(client, path, status):
-    """The answer, once a route answers with a status."""
+    """Wait until a route returns a status; returns the response."""
     end = time.monotonic() + PATIENCE_S
     while True:
         try:
@@ -52,7 +52,7 @@ async def test_a_server_waits_for_its_database_at_the_start(postgres, tmp_path):
         server.stop()
 
 
-async def test_a_database_that_goes_away_for_a_while_is_missed_by_nobody(postgres, tmp_path):
+async def test_an_outage_of_the_database_interrupts_neither_poses_nor_streams(postgres, tmp_path):
     server = Kept(data=tmp_path, database_url=database(postgres), refiners=1).start(PATIENCE_S)
     try:
         async with client_of(server) as client, talk(server) as stream:
@@ -84,7 +84,7 @@ async def test_a_database_that_goes_away_for_a_while_is_missed_by_nobody(postgre
 
 
 async def meanwhile(client):
-    """What is answered while the database is away."""
+    """Check the responses during the outage."""
     degraded = await until(client, "/readyz", lambda row: row["degraded"])
     assert degraded["ready"]
     assert degraded["verbs"] == 3

@@ -1,4 +1,4 @@
-"""Versions come and go while a hundred streams run: nobody misses a frame, and nothing jumps."""
+"""Versions change while a hundred streams run, without lost frames or jumps."""
 
 import asyncio
 from contextlib import AsyncExitStack

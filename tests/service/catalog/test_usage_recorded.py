@@ -1,4 +1,4 @@
-"""Where clients ask, a refinement by traffic is better than one that knows nothing of them: from requests to poses."""
+"""A refinement weighted by usage is better at requested adverbs, from requests to poses."""
 
 import asyncio
 
@@ -18,14 +18,14 @@ PSEUDO = 16
 
 
 def corner(verb, seed, count):
-    """Adverbs (count, D) about one place of the domain."""
+    """Adverbs (count, D) around one point of the domain."""
     low, high = verb.values.min(axis=0), verb.values.max(axis=0)
     rows = low + (high - low) * (0.7 + 0.06 * np.random.default_rng(seed).normal(size=(count, len(low))))
     return rows[inside(verb.domain, verb.domain.chart.points(rows))]
 
 
 async def refined(client, **asked):
-    """The version that a refinement of the built-in arm comes to."""
+    """Version that a refinement of the built-in arm publishes."""
     await client.post("/v1/verbs/arm3/versions/1/activate")
     asked = {"max_pseudo": PSEUDO, "target_error": 1e-6, "method": "refined", **asked}
     started = await client.post("/v1/verbs/arm3/refinements", json=asked)
@@ -39,7 +39,7 @@ async def downloaded(client, number, path):
     return artifact.load(path)
 
 
-async def test_asking_in_one_corner_makes_that_corner_better(client, kept, tmp_path):
+async def test_requests_in_one_corner_improve_that_corner(client, kept, tmp_path):
     verb = library.load("arm3")
     rows = corner(verb, 1, 2_000)
     batch = np.column_stack([rows, np.zeros(len(rows))]).astype("<f4").tobytes()
@@ -52,7 +52,7 @@ async def test_asking_in_one_corner_makes_that_corner_better(client, kept, tmp_p
     track = [{"time": 0.1 * k, "adverbs": named} for k in range(5)]
     await client.post("/v1/verbs/arm3/sequence", json={"track": track, "fps": 30})
     asked = 2 * len(rows) + 1 + 1 + 5
-    assert await told(kept, "arm3", asked) == pytest.approx(asked, rel=1e-3)
+    assert await stored_usage(kept, "arm3", asked) == pytest.approx(asked, rel=1e-3)
     weighted = await refined(client, weighted_by_traffic=True)
     uniform = await refined(client)
     assert weighted["progress"]["note"] == ""
@@ -67,12 +67,12 @@ async def test_characters_of_streams_count_too(client, kept):
     async with talk(kept) as stream:
         await stream.open(1, "board")
         await stream.open(2, "board")
-        assert await told(kept, "board", 6) >= 6
+        assert await stored_usage(kept, "board", 6) >= 6
     assert (await client.get("/readyz")).json()["degraded"] is False
 
 
-async def told(server, verb, least):
-    """How often a verb was asked for, as the store was told, once that is as much as is waited for."""
+async def stored_usage(server, verb, least):
+    """Wait until the stored usage of a verb reaches a number; returns it."""
     async with asyncio.timeout(PATIENCE_S):
         while True:
             rows = await asyncio.to_thread(server.state.store_sync.store.usage, verb, not_before_s=0.0)

@@ -1,4 +1,4 @@
-"""Versions that are kept answer when they are asked for by number."""
+"""Earlier versions can be evaluated by number."""
 
 import httpx
 import pytest
@@ -17,7 +17,7 @@ def kept(tmp_path_factory):
     server.stop()
 
 
-async def test_a_kept_version_answers_poses_sequences_and_maps(kept, tmp_path):
+async def test_an_earlier_version_serves_poses_sequences_and_maps(kept, tmp_path):
     async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{kept.port}", timeout=PATIENCE_S) as client:
         for name in ("first", "second"):
             sent = zipped_arm(tmp_path / name, name)

@@ -81,7 +81,7 @@ async def test_two_uploads_at_once_come_one_after_the_other(client, tmp_path):
         (b"{}", JSON, "unsupported_media_type"),
     ],
 )
-async def test_what_is_no_verb_changes_nothing(client, kept, content, kind, code):
+async def test_an_invalid_upload_changes_nothing(client, kept, content, kind, code):
     answer = await client.post("/v1/verbs", content=content, headers={"Content-Type": kind})
     assert answer.json()["code"] == code
     assert str(kept.settings.data) not in answer.text
@@ -153,7 +153,7 @@ async def test_a_refinement_can_be_cancelled_and_its_worker_killed(client, kept)
     assert (await client.get("/v1/verbs/reach")).json()["version"] == 1
 
 
-async def test_unknown_refinements_are_said_to_be_unknown(client):
+async def test_unknown_refinements_are_reported(client):
     for answer in (await client.get("/v1/refinements/nobody"), await client.delete("/v1/refinements/nobody")):
         assert (answer.status_code, answer.json()["code"]) == (404, "unknown_refinement")
     wrong = await client.post("/v1/verbs/arm3/refinements", json={"max_pseudo": -1})
@@ -162,7 +162,7 @@ async def test_unknown_refinements_are_said_to_be_unknown(client):
     assert missing.json()["code"] == "unknown_verb"
 
 
-async def test_a_restart_finds_everything(tmp_path, arm_zip):
+async def test_versions_survive_a_restart(tmp_path, arm_zip):
     for round_ in (1, 2):
         server = Kept(data=tmp_path, refiners=0).start(PATIENCE_S)
         try:

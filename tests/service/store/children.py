@@ -1,4 +1,4 @@
-"""What other processes do to a store while a test looks on. They start from a server that has it imported already."""
+"""Processes that use a store during a test, forked from a server that has imported it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def start(work: Any, *arguments: Any) -> BaseProcess:
 
 
 def publish_many(location: StoreLocation, folder: Path, name: str, count: int, barrier: Any) -> None:
-    """Publish different artifacts as fast as it goes, once everybody is ready."""
+    """Publish different artifacts as fast as possible, once all processes are ready."""
     store = location.open(timeout_s=30.0)
     file = folder / f"{name}.verb"
     barrier.wait(120)
@@ -45,7 +45,7 @@ def publish_and_die(location: StoreLocation, file: Path, at: str) -> None:
 
 
 def publish_on_signal(location: StoreLocation, file: Path, pipe: Any, times: Any) -> None:
-    """Publish each time when told; send the time at which it was done."""
+    """Publish at each message; send the time after it."""
     store = location.open()
     pipe.send("ready")
     while pipe.recv():
@@ -56,7 +56,7 @@ def publish_on_signal(location: StoreLocation, file: Path, pipe: Any, times: Any
 
 
 def open_once(location: StoreLocation, barrier: Any, results: Any) -> None:
-    """Open a store that nobody has opened before, at the same time as others."""
+    """Open a new store at the same time as other processes."""
     barrier.wait(120)
     store: Store = location.open(timeout_s=30.0)
     results.put(store.current())

@@ -15,7 +15,7 @@ KINDS = ("sqlite", "postgresql")
 
 @dataclass(frozen=True)
 class StoreLocation:
-    """Where a store lies: enough for another process to open it too."""
+    """Addresses of a store, with which other processes can open it."""
 
     database: str
     artifacts: Path
@@ -53,7 +53,7 @@ def location(request, folder) -> StoreLocation:
 
 
 class Clock:
-    """Seconds that pass only when told so."""
+    """A clock that advances one second per call."""
 
     def __init__(self) -> None:
         self.now_s = 1_000_000.0
@@ -77,7 +77,7 @@ def store(location, clock) -> Iterator[Store]:
 
 @pytest.fixture
 def artifact(tmp_path) -> Callable[[str], Path]:
-    """Writes a file that stands for an artifact; the store does not look into it."""
+    """Writes a file in place of an artifact, as the store does not read it."""
 
     def write(text: str) -> Path:
         path = tmp_path / "artifact.verb"

@@ -36,18 +36,18 @@ def test_a_damaged_copy_is_fetched_again(bucket, artifact):
     assert bucket.path(blob.sha256).read_bytes() == b"one" * 1000
 
 
-def test_a_copy_that_changed_without_changing_its_length_is_seen(bucket, artifact):
+def test_a_changed_copy_of_the_same_length_is_detected(bucket, artifact):
     blob = bucket.put(artifact("one"), nothing)
     path = bucket.path(blob.sha256)
     path.write_bytes(b"two" * 1000)
     assert bucket.path(blob.sha256).read_bytes() == b"one" * 1000
 
 
-def test_a_blob_damaged_in_the_bucket_is_not_believed(bucket, tmp_path, artifact):
+def test_a_blob_damaged_in_the_bucket_is_refused(bucket, tmp_path, artifact):
     blob = bucket.put(artifact("one"), nothing)
     bucket.path(blob.sha256).unlink()
     obstore.put(bucket._store, blob.name, b"garbage")
-    with pytest.raises(ArtifactMissing, match="damaged where it is kept"):
+    with pytest.raises(ArtifactMissing, match="damaged in its storage"):
         bucket.path(blob.sha256)
     assert list((tmp_path / "cache").iterdir()) == []
 
@@ -97,7 +97,7 @@ def test_a_bucket_that_does_not_answer(tmp_path, artifact, monkeypatch):
         assert "hunter2" not in str(caught.value)
 
 
-def test_a_damaged_blob_of_a_folder_is_said_to_be(tmp_path, artifact):
+def test_a_damaged_blob_of_a_folder_is_refused(tmp_path, artifact):
     folder = Folder(tmp_path / "artifacts")
     blob = folder.put(artifact("one"), nothing)
     assert blob.sha256 == hashlib.sha256(b"one" * 1000).hexdigest()
@@ -114,7 +114,7 @@ def test_file_addresses_are_folders(tmp_path, artifact):
     assert (folder / blob.name).exists()
 
 
-def test_unknown_schemes_say_which_are_known(tmp_path):
+def test_errors_of_unknown_schemes_list_the_known_ones(tmp_path):
     with pytest.raises(BadAddress, match="in a folder or at file://, s3://, gs://, az://, memory://, not at 'ftp://'"):
         open_blobs("ftp://host/path")
 

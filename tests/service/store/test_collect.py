@@ -14,7 +14,7 @@ DAY_S = 86400.0
 
 @pytest.fixture
 def later_s() -> float:
-    """So much later than every file's and every version's time that both are old."""
+    """A time at which all files and versions are old."""
     return time.time() + 30 * DAY_S
 
 
@@ -129,12 +129,12 @@ def test_a_blob_collected_while_it_is_published_again_is_written_again(store, lo
     other.close()
 
 
-def test_old_traffic_is_forgotten(store):
+def test_old_usage_is_removed(store):
     store.put_usage("reach", "a", {"n": 1}, 100.0)
     store.put_usage("reach", "b", {"n": 2}, 200.0)
     assert store.collect(younger_s=50.0, now_s=200.0) == ["usage of reach at a"]
     assert store.usage("reach", not_before_s=0.0) == [{"n": 2}]
 
 
-def test_names_of_verbs_hold_no_space():
+def test_names_of_verbs_have_no_space():
     assert NAME.fullmatch("reach 3") is None  # so "reach 3" names a version

@@ -53,7 +53,7 @@ def test_a_publisher_killed_at_any_step_leaves_no_half_version(location, artifac
     assert [event.number for event in store.history("reach")] == [1]
     left = location.files() - {f"{first.sha256}.verb"}
     assert len(left) == (step != "write")
-    assert store.collect(now_s=time.time()) == []  # a young file may belong to somebody who is at work
+    assert store.collect(now_s=time.time()) == []  # a young file may belong to a running publisher
     assert store.collect(now_s=time.time() + 2 * HOURS_S) == sorted(left)
     assert location.files() == {f"{first.sha256}.verb"}
     assert store.publish("reach", second, **BY_ADA).number == 2

@@ -11,7 +11,7 @@ from service.store.store import InvalidValue, Job, JobEnded, JobExists, UnknownJ
 JOB = Job("j1", "reach", "queued", {"max_pseudo": 9}, {}, 0, 3, None, "", 10.0, 10.0)
 
 
-def test_a_job_is_kept_as_it_was_given(store):
+def test_a_job_is_stored_unchanged(store):
     store.add_job(JOB)
     assert store.job("j1") == JOB
     with pytest.raises(JobExists, match="'j1' exists already"):
@@ -28,7 +28,7 @@ def test_jobs_are_listed_newest_first(store):
     assert [job.id for job in store.jobs(limit=1)] == ["j2"]
 
 
-def test_a_job_goes_on_and_ends(store, clock):
+def test_a_job_changes_until_it_ends(store, clock):
     store.add_job(JOB)
     job = store.update_job("j1", state="running", progress={"share": 0.5})
     assert job == store.job("j1")
@@ -44,7 +44,7 @@ def test_a_job_goes_on_and_ends(store, clock):
         store.update_job("j2", state="running")
 
 
-def test_publishing_ends_a_job_or_does_not_happen(store, artifact):
+def test_publishing_ends_a_job_or_fails_as_a_whole(store, artifact):
     store.add_job(JOB)
     version = store.publish("reach", artifact("one"), author="j1", reason="better", quality={}, ends="j1")
     job = store.job("j1")
@@ -59,7 +59,7 @@ def test_publishing_ends_a_job_or_does_not_happen(store, artifact):
     assert len(store.history("reach")) == 1
 
 
-def test_of_cancelling_and_publishing_one_happens(location, store, artifact):
+def test_either_cancelling_or_publishing_succeeds(location, store, artifact):
     other, file, published = location.open(), artifact("one"), 0
     for k in range(12):
         store.add_job(replace(JOB, id=f"j{k}", verb="reach"))
@@ -85,7 +85,7 @@ def test_of_cancelling_and_publishing_one_happens(location, store, artifact):
     other.close()
 
 
-def test_what_goes_on_and_what_ended_is_told(store):
+def test_unfinished_and_ended_jobs_are_listed(store):
     for k, state in enumerate(["queued", "running", "failed", "failed", "published"]):
         store.add_job(replace(JOB, id=f"j{k}", state=state, created_at_s=float(k)))
     store.add_job(replace(JOB, id="punch", verb="punch", state="failed"))
@@ -95,7 +95,7 @@ def test_what_goes_on_and_what_ended_is_told(store):
     assert store.ended_jobs() == ended
 
 
-def test_what_a_job_cannot_be_is_refused(store):
+def test_invalid_jobs_are_refused(store):
     store.add_job(JOB)
     with pytest.raises(InvalidValue, match="'done' is not a state"):
         store.update_job("j1", state="done")
@@ -103,7 +103,7 @@ def test_what_a_job_cannot_be_is_refused(store):
         store.update_job("j1", verb="punch")
     with pytest.raises(InvalidValue, match="1048576 bytes"):
         store.update_job("j1", progress={"x": "y" * 1_100_000})
-    with pytest.raises(InvalidValue, match="no state"):
+    with pytest.raises(InvalidValue, match="not a state"):
         store.add_job(replace(JOB, id="j2", state="done"))
     assert store.job("j1") == JOB
 
@@ -116,7 +116,7 @@ def test_reaps_are_counted(store):
         store.count_reap("j2")
 
 
-def test_usage_of_each_server_is_kept_once(store):
+def test_usage_of_a_server_replaces_its_earlier_one(store):
     store.put_usage("reach", "a", {"cells": {"0,0": 1}}, 10.0)
     store.put_usage("reach", "a", {"cells": {"0,0": 2}}, 20.0)
     store.put_usage("reach", "b", {"cells": {"1,0": 5}}, 30.0)

@@ -16,7 +16,7 @@ BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 
 
 async def until(changes, store, number: int) -> float:
-    """When a change showed that a verb points to a version."""
+    """Time of the change after which a version is current."""
     async with asyncio.timeout(10):
         async for _ in changes:
             current = await asyncio.to_thread(store.current)
@@ -46,7 +46,7 @@ async def test_what_another_process_publishes_is_noticed_within_a_second(locatio
     store.close()
 
 
-async def test_the_first_change_comes_at_once_and_later_ones_at_least_every_while(store, monkeypatch):
+async def test_the_first_notice_is_immediate_and_later_ones_periodic(store, monkeypatch):
     monkeypatch.setattr(notices, "REREAD_S", 0.3)
     began = time.monotonic()
     async with aclosing(store.changes()) as changes:
@@ -55,7 +55,7 @@ async def test_the_first_change_comes_at_once_and_later_ones_at_least_every_whil
     assert 0.5 < time.monotonic() - began < 5.0
 
 
-async def test_jobs_and_usage_are_no_change_of_pointers(store, artifact, monkeypatch):
+async def test_jobs_and_usage_cause_no_notice(store, artifact, monkeypatch):
     monkeypatch.setattr(notices, "REREAD_S", 60.0)
     async with aclosing(store.changes()) as changes:
         await anext(changes)
@@ -86,7 +86,7 @@ async def test_changes_end_when_the_store_is_closed(store, monkeypatch):
             store.close()
 
 
-async def test_changes_outlive_a_postgresql_that_goes_away(postgres, folder, artifact, monkeypatch):
+async def test_changes_survive_a_restart_of_postgresql(postgres, folder, artifact, monkeypatch):
     monkeypatch.setattr(notices, "REREAD_S", 60.0)
     store = Store.open(postgres.database(), str(folder))
     async with aclosing(store.changes()) as changes, asyncio.timeout(20):
@@ -105,7 +105,7 @@ async def test_changes_outlive_a_postgresql_that_goes_away(postgres, folder, art
     store.close()
 
 
-async def test_changes_outlive_a_postgresql_that_freezes(postgres, folder, artifact, monkeypatch):
+async def test_changes_survive_a_frozen_postgresql(postgres, folder, artifact, monkeypatch):
     monkeypatch.setattr(notices, "REREAD_S", 0.2)
     store = Store.open(postgres.database(), str(folder))
     async with aclosing(store.changes()) as changes, asyncio.timeout(20):
@@ -120,7 +120,7 @@ async def test_changes_outlive_a_postgresql_that_freezes(postgres, folder, artif
     store.close()
 
 
-async def test_changes_outlive_a_file_that_cannot_be_read(folder, monkeypatch):
+async def test_changes_survive_an_unreadable_file(folder, monkeypatch):
     monkeypatch.setattr(notices, "BACK_OFF_S", 0.05)
     store = Store.open(f"sqlite:///{folder}/state.db", str(folder / "artifacts"))
     file, away = folder / "state.db", folder / "away.db"

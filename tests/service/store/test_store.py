@@ -25,7 +25,7 @@ def test_a_published_version_is_current_and_readable(store, artifact):
     assert store.available
 
 
-def test_a_store_opened_again_knows_everything(store, location, artifact):
+def test_a_reopened_store_has_the_same_rows(store, location, artifact):
     version = store.publish("reach", artifact("one"), **BY_ADA)
     other = location.open()
     assert other.current() == {"reach": version}
@@ -40,7 +40,7 @@ def test_numbers_count_per_verb_and_the_newest_is_current(store, artifact):
     assert [version.number for version in store.versions("reach")] == [1, 2, 3]
 
 
-def test_publishing_the_same_again_gives_the_version_that_there_is(store, artifact):
+def test_publishing_the_same_bytes_again_returns_the_existing_version(store, artifact):
     first = store.publish("reach", artifact("one"), **BY_ADA)
     assert store.publish("reach", artifact("one"), **BY_ADA, expected=0) == first
     second = store.publish("reach", artifact("two"), **BY_ADA)
@@ -76,7 +76,7 @@ def test_rolling_back_and_forward(store, artifact):
     ]
 
 
-def test_a_deleted_verb_is_revived_and_numbers_go_on(store, artifact):
+def test_a_deleted_verb_can_be_activated_and_numbers_are_not_reused(store, artifact):
     store.publish("reach", artifact("one"), **BY_ADA)
     store.delete("reach", **BY_ADA_ACT)
     assert store.current() == {}
@@ -92,7 +92,7 @@ def test_a_deleted_verb_is_revived_and_numbers_go_on(store, artifact):
     assert kinds[-1] == ("activate", 1, 1)
 
 
-def test_history_says_who_why_and_when(store, artifact):
+def test_history_has_author_reason_and_time(store, artifact):
     store.publish("reach", artifact("one"), author="ada", reason="first", quality={})
     store.publish("reach", artifact("two"), author="bob", reason="better", quality={})
     store.delete("reach", author="eve", reason="spite")
@@ -119,11 +119,11 @@ def test_expecting_another_version_is_a_conflict_and_changes_nothing(store, arti
     assert store.current()["reach"].number == 2
     assert len(store.history("reach")) == len(store.versions("reach")) == 2
     store.activate("reach", 1, **BY_ADA_ACT, expected=2)
-    store.activate("reach", 1, **BY_ADA_ACT, expected=2)  # asked again: it is as asked for
+    store.activate("reach", 1, **BY_ADA_ACT, expected=2)  # repeated: the version is current already
     store.delete("reach", **BY_ADA_ACT, expected=1)
 
 
-def test_unknown_verbs_and_versions_say_what_there_is(store, artifact):
+def test_errors_list_known_verbs_and_versions(store, artifact):
     for ask in (store.versions, store.history, lambda verb: store.version(verb, 1)):
         with pytest.raises(UnknownVerb):
             ask("reach")
@@ -134,7 +134,7 @@ def test_unknown_verbs_and_versions_say_what_there_is(store, artifact):
     with pytest.raises(UnknownVerb):
         store.versions("reach")  # what failed left no name behind
     store.publish("reach", artifact("one"), **BY_ADA)
-    with pytest.raises(UnknownVerb, match="there are: reach") as verb:
+    with pytest.raises(UnknownVerb, match="known: reach") as verb:
         store.versions("punch")
     assert (verb.value.verb, verb.value.known) == ("punch", ("reach",))
     for ask in (lambda: store.version("reach", 7), lambda: store.activate("reach", 7, **BY_ADA_ACT)):
@@ -143,7 +143,7 @@ def test_unknown_verbs_and_versions_say_what_there_is(store, artifact):
         assert version.value.known == (1,)
 
 
-def test_what_cannot_be_kept_is_refused(store, artifact, tmp_path):
+def test_invalid_values_are_refused(store, artifact, tmp_path):
     file = artifact("one")
     for verb in ("", "Reach", "../reach", "x" * 64):
         with pytest.raises(InvalidValue, match="is not a verb name"):
@@ -159,14 +159,14 @@ def test_what_cannot_be_kept_is_refused(store, artifact, tmp_path):
     assert store.current() == {}
 
 
-def test_one_artifact_is_kept_once(store, location, artifact):
+def test_an_artifact_is_stored_once(store, location, artifact):
     one = store.publish("reach", artifact("one"), **BY_ADA)
     two = store.publish("punch", artifact("one"), **BY_ADA)
     assert store.path(one) == store.path(two)
     assert location.files() == {f"{one.sha256}.verb"}
 
 
-def test_steps_of_publishing_are_told_in_order(store, artifact):
+def test_steps_of_publishing_are_reported_in_order(store, artifact):
     from service.store.store import STEPS
 
     steps = []

@@ -15,7 +15,7 @@ BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 
 @contextmanager
 def held(database: str):
-    """Somebody else holds what every writer needs."""
+    """Another connection holds a lock that every writer needs."""
     if database.startswith("sqlite"):
         with closing(sqlite3.connect(database.removeprefix("sqlite:///"), isolation_level=None)) as connection:
             connection.execute("BEGIN EXCLUSIVE")
@@ -28,7 +28,7 @@ def held(database: str):
         connection.rollback()
 
 
-def test_a_held_lock_is_waited_for_no_longer_than_said(location, artifact):
+def test_waiting_for_a_lock_times_out(location, artifact):
     store = location.open(timeout_s=0.5)
     store.publish("reach", artifact("one"), **BY_ADA)
     with held(location.database):
@@ -71,7 +71,7 @@ def test_a_postgresql_that_stops_and_comes_back(postgres, tmp_path, artifact):
     store.close()
 
 
-def test_a_postgresql_that_freezes_is_not_waited_for(postgres, folder, artifact):
+def test_waiting_for_a_frozen_postgresql_times_out(postgres, folder, artifact):
     store = Store.open(postgres.database(), str(folder), timeout_s=0.5)
     store.publish("reach", artifact("one"), **BY_ADA)
     with postgres.frozen():
@@ -85,7 +85,7 @@ def test_a_postgresql_that_freezes_is_not_waited_for(postgres, folder, artifact)
     store.close()
 
 
-def test_a_server_that_freezes_in_a_transaction_is_not_waited_for(postgres, folder, artifact):
+def test_waiting_for_a_server_that_freezes_in_a_transaction_times_out(postgres, folder, artifact):
     store = Store.open(postgres.database(), str(folder), timeout_s=0.5)
     frozen = postgres.frozen()
 
@@ -113,26 +113,26 @@ def test_a_connection_that_dies_while_it_is_used(postgres, tmp_path, artifact):
     store.close()
 
 
-def test_reasons_name_no_password(postgres, tmp_path):
+def test_reasons_contain_no_password(postgres, tmp_path):
     address = f"postgresql://adverb:hunter2@/none?host={postgres.folder}"
     with pytest.raises(StoreUnavailable, match='database "none" does not exist') as caught:
         Store.open(address, str(tmp_path))
     assert "hunter2" not in str(caught.value)
 
 
-def test_a_file_that_is_no_database(tmp_path):
+def test_an_invalid_database_file_is_refused(tmp_path):
     (tmp_path / "state.db").write_bytes(b"not a database" * 1000)
     with pytest.raises(StoreUnavailable, match="file is not a database"):
         Store.open(f"sqlite:///{tmp_path}/state.db", str(tmp_path / "artifacts"))
 
 
-def test_a_folder_that_cannot_be(tmp_path):
+def test_a_folder_that_cannot_be_created_is_reported(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreUnavailable, match="folder cannot be created: Not a directory"):
         Store.open(f"sqlite:///{tmp_path}/state.db", str(tmp_path / "file" / "artifacts"))
 
 
-def test_a_closed_store_says_so(store):
+def test_a_closed_store_is_unavailable(store):
     store.close()
     with pytest.raises(StoreUnavailable, match="closed"):
         store.current()

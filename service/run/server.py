@@ -19,7 +19,7 @@ from service.run.listener import CannotServe, Patience, check, greeting, listen
 from service.run.supervisor import supervise
 from service.settings import Settings
 from service.stream.hub import Hub
-from service.stream.transport import Sockets
+from service.stream.transport import StreamProtocol
 
 __all__ = ["CannotServe", "Server", "config_of", "run", "serve"]
 
@@ -90,7 +90,7 @@ def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:
         app,
         loop="uvloop",
         http="httptools",
-        ws=Sockets,
+        ws=StreamProtocol,
         ws_per_message_deflate=False,
         ws_max_size=65_536,
         ws_ping_interval=20.0,

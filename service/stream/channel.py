@@ -15,16 +15,16 @@ from service.stream.session import Channel
 __all__ = ["layout_of", "opened"]
 
 
-def layout_of(entry: Entry, asked: Open) -> Layout:
-    """How records are written; raises :class:`UnknownName` for a joint that does not exist."""
-    joints = entry.joints(asked.joints)
+def layout_of(entry: Entry, request: Open) -> Layout:
+    """Layout of the records; raises :class:`UnknownName` for a joint that does not exist."""
+    joints = entry.joints(request.joints)
     if joints is None:
         joints = np.arange(len(entry.verb.skeleton))
-    return Layout(asked.encoding, asked.space, asked.frame, joints, len(entry.verb.examples))
+    return Layout(request.encoding, request.space, request.frame, joints, len(entry.verb.examples))
 
 
 def opened(channel: Channel, *, resumed: bool = False) -> dict[str, Any]:
-    """What the client needs to know in order to read the channel's records."""
+    """The message ``opened``: what a client needs to read the channel's records."""
     entry, layout = channel.group.entry, channel.layout
     verb, skeleton, characters = entry.verb, entry.verb.skeleton, channel.group.characters
     return {

@@ -10,7 +10,7 @@ import anyio
 import orjson
 from starlette.types import Send
 
-from service.stream.transport import Sockets
+from service.stream.transport import StreamProtocol
 
 __all__ = ["TOO_SLOW", "Connection", "text"]
 
@@ -19,15 +19,15 @@ TOO_SLOW = 4008
 
 
 def text(message: dict[str, Any]) -> str:
-    """A text message as it is sent."""
+    """JSON of a text message."""
     return orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY).decode()
 
 
-def _now(sending: Coroutine[Any, Any, None]) -> bool:
-    """Run a ``send`` that may take effect at once or not at all; whether it did.
+def _run_once(sending: Coroutine[Any, Any, None]) -> bool:
+    """Run a ``send`` coroutine for one step; return whether it finished.
 
-    The server's ``send`` waits for room before it writes anything. So it is taken one step: it ends there, having
-    written everything, or it waits, having written nothing, and is dropped. A test holds uvicorn to that.
+    uvicorn's ``send`` waits for buffer space before it writes anything. After one step it either has written the whole
+    message and finished, or has written nothing and is closed here. A test checks that uvicorn behaves so.
     """
     try:
         sending.send(None)
@@ -38,62 +38,62 @@ def _now(sending: Coroutine[Any, Any, None]) -> bool:
 
 
 class Connection:
-    """A WebSocket, seen from the side that sends.
+    """The sending side of a WebSocket.
 
     Parameters
     ----------
     send : callable
         ASGI's.
     scope : anyio.CancelScope
-        Cancelled to end the connection; ``ending`` says with which code and why.
-    socket : Sockets, optional
-        A shorter way for poses.
+        Cancelled to close the connection; ``ending`` holds code and reason.
+    transport : StreamProtocol, optional
+        Fast path for pose messages.
     """
 
-    def __init__(self, send: Send, scope: anyio.CancelScope, socket: Sockets | None = None) -> None:
-        self._send, self._scope, self._socket, self.gone = send, scope, socket, False
+    def __init__(self, send: Send, scope: anyio.CancelScope, transport: StreamProtocol | None = None) -> None:
+        self._send, self._scope, self._transport, self.lost = send, scope, transport, False
         self.ending: tuple[int, str] | None = None
-        self.waiting: deque[str] = deque()
+        self.pending: deque[str] = deque()
 
     def end(self, code: int, reason: str) -> None:
-        """End it; the endpoint that runs it sends the close frame."""
+        """Close the connection; its endpoint sends the close frame."""
         if self.ending is None:
             self.ending = code, reason
             self._scope.cancel()
 
-    def say(self, message: str, room: int) -> None:
-        """Send a text message now, or after those that wait, which may be so many."""
-        if len(self.waiting) >= room:
-            self.end(TOO_SLOW, f"{room} messages wait to be read")
+    def send_text(self, message: str, limit: int) -> None:
+        """Send a text message now or after the pending ones; closes the connection if ``limit`` are pending."""
+        if len(self.pending) >= limit:
+            self.end(TOO_SLOW, f"{limit} messages are unread")
             return
-        self.waiting.append(message)
+        self.pending.append(message)
         self.flush()
 
     def flush(self) -> bool:
-        """Send what waits; whether nothing is left."""
-        while self.waiting:
-            if not self._try({"type": "websocket.send", "text": self.waiting[0]}):
+        """Send pending messages; return whether none is left."""
+        while self.pending:
+            if not self._try({"type": "websocket.send", "text": self.pending[0]}):
                 return False
-            self.waiting.popleft()
+            self.pending.popleft()
         return True
 
-    def post(self, message: bytes) -> bool:
-        """Send a binary message now or not at all; whether it was sent."""
-        if self.ending is not None or (self.waiting and not self.flush()):
+    def send_binary(self, message: bytes) -> bool:
+        """Send a binary message now or drop it; return whether it was sent."""
+        if self.ending is not None or (self.pending and not self.flush()):
             return False
-        if self._socket is None:
+        if self._transport is None:
             return self._try({"type": "websocket.send", "bytes": message})
         try:
-            return self._socket.post(message)
-        except ConnectionError:  # its endpoint will notice
-            self.gone = True
+            return self._transport.send_binary(message)
+        except ConnectionError:  # its endpoint detects it too
+            self.lost = True
             return False
 
     def _try(self, message: MutableMapping[str, Any]) -> bool:
         if self.ending is not None:
             return False
         try:
-            return _now(self._send(message))  # type: ignore[arg-type]
-        except Exception:  # in one of several ways; its endpoint will notice
-            self.gone = True
+            return _run_once(self._send(message))  # type: ignore[arg-type]
+        except Exception:  # of one of several kinds; its endpoint detects it too
+            self.lost = True
             return False

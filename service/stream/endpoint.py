@@ -1,4 +1,4 @@
-"""Streams: ``WS /v1/stream``. One task per connection reads and answers; the tick loop writes poses."""
+"""WebSocket endpoint ``/v1/stream``: one task per connection reads and replies; the tick loop sends poses."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from service.stream.connection import TOO_SLOW, Connection
 from service.stream.hub import Hub
 from service.stream.messages import CLIENT, Close, Open, Ping, Resume, Set, Switch
 from service.stream.session import Session
-from service.stream.transport import SOCKET, Sockets
+from service.stream.transport import TRANSPORT, StreamProtocol
 from verbs.errors import VerbError
 
 __all__ = ["SUBPROTOCOL", "route"]
 
 SUBPROTOCOL = "adverb.v1"
-OP_AIM = 0x10
+OP_ADVERBS = 0x10
 MAX_CHANNEL = 65_535
 TOO_MANY = 4029
 
 log = structlog.get_logger("adverb.stream")
 
-TURN = 32
-"""Messages of one client after which the others get a turn."""
+MAX_CONSECUTIVE = 32
+"""Messages of one client that are handled before the event loop runs other tasks."""
 
-_LEFT = {1000, 1001}
-"""Codes with which a client says that it does not come back. 1005 is no such: a lost connection has it too."""
+_FINAL = {1000, 1001}
+"""Close codes of a client that does not resume. 1005 is not one: a lost connection has it too."""
 
 
 def route(hub: Hub) -> WebSocketRoute:
-    """The route; its endpoint speaks ASGI, since every layer in between would be paid per frame."""
+    """The route; its endpoint is plain ASGI, since every layer in between costs time per frame."""
     return WebSocketRoute("/v1/stream", _Endpoint(hub), name="stream")
 
 
@@ -59,36 +59,39 @@ class _Endpoint:
             accept["subprotocol"] = SUBPROTOCOL
         await send(accept)
         if hub.draining or hub.full:
-            reason = "the server is stopping" if hub.draining else "the server holds as many streams as it may"
+            reason = "the server is stopping" if hub.draining else "the server has its maximum number of streams"
             await send({"type": "websocket.close", "code": 1012 if hub.draining else TOO_MANY, "reason": reason})
             return
         with anyio.CancelScope() as reading:
-            socket: Sockets | None = scope.get("extensions", {}).get(SOCKET)
-            connection = Connection(send, reading, socket)
-            talk = _Talk(hub, connection)
-            if socket is not None:
-                socket.hear = talk.hear
+            transport: StreamProtocol | None = scope.get("extensions", {}).get(TRANSPORT)
+            connection = Connection(send, reading, transport)
+            reader = _Reader(hub, connection)
+            if transport is not None:
+                transport.on_binary = reader.handle_binary
             try:
-                await talk.listen(receive)
+                await reader.run(receive)
             finally:
                 with anyio.CancelScope(shield=True):
-                    await hub.leave(connection, for_good=talk.left)
+                    await hub.leave(connection, for_good=reader.left)
         if connection.ending is not None:
             code, reason = connection.ending
-            with anyio.move_on_after(5.0), suppress(Exception):  # the client may be gone, in one of several ways
+            with (
+                anyio.move_on_after(5.0),
+                suppress(Exception),
+            ):  # the connection may be lost
                 await send({"type": "websocket.close", "code": code, "reason": reason})
 
 
-class _Talk:
-    """One connection's conversation."""
+class _Reader:
+    """Reads and handles the messages of one connection."""
 
     def __init__(self, hub: Hub, connection: Connection) -> None:
-        self.hub, self.connection, self.left, self._answering = hub, connection, False, True
+        self.hub, self.connection, self.left, self._busy = hub, connection, False, True
         self.session: Session = hub.join(connection)
 
-    async def listen(self, receive: Receive) -> None:
-        """Say hello, then do what the client asks until it leaves."""
-        self.session.say(
+    async def run(self, receive: Receive) -> None:
+        """Send ``hello``, then handle messages until the client disconnects."""
+        self.session.send_text(
             {
                 "op": "hello",
                 "session": self.session.id,
@@ -99,74 +102,77 @@ class _Talk:
         )
         count = 0
         while True:
-            self._answering = False
+            self._busy = False
             message = await receive()
-            self._answering = True
+            self._busy = True
             if message["type"] == "websocket.disconnect":
-                self.left = message.get("code") in _LEFT
+                self.left = message.get("code") in _FINAL
                 return
-            await self._hear(message)
+            await self._handle(message)
             count += 1
-            if count % TURN == 0:
+            if count % MAX_CONSECUTIVE == 0:
                 await asyncio.sleep(0)
-            await self._breathe()
+            await self._wait_for_reader()
 
-    def hear(self, content: bytes) -> bool:
-        """Do what a binary message asks, right as it comes; False where others come first."""
-        if self._answering or self.connection.waiting:
+    def handle_binary(self, content: bytes) -> bool:
+        """Handle a binary message on arrival; False if earlier messages are pending."""
+        if self._busy or self.connection.pending:
             return False
-        self._aim(content)
+        self._set_adverbs(content)
         return True
 
-    async def _breathe(self) -> None:
-        """Do not read faster than the client reads. Nothing tells when there is room again, so this looks."""
+    async def _wait_for_reader(self) -> None:
+        """Wait until pending messages are sent, so that a client that does not read is not read either.
+
+        ASGI has no event for free buffer space, so this polls.
+        """
         pause, end = 0.005, time.monotonic() + self.hub.settings.stream_slow_s
-        while not self.connection.flush() and not self.connection.gone:
+        while not self.connection.flush() and not self.connection.lost:
             if time.monotonic() > end:
-                self.connection.end(TOO_SLOW, f"nothing was read for {self.hub.settings.stream_slow_s:g} s")
+                self.connection.end(TOO_SLOW, f"the client read nothing for {self.hub.settings.stream_slow_s:g} s")
             await asyncio.sleep(pause)
             pause = min(2 * pause, 0.1)
 
-    async def _hear(self, message: Any) -> None:
+    async def _handle(self, message: Any) -> None:
         content = message.get("text")
         if content is None:
-            self._aim(message["bytes"])
+            self._set_adverbs(message["bytes"])
             return
-        channel = _about(content)
+        channel = _channel_of(content)
         try:
-            await self._do(_parsed(content))
+            await self._apply(_parsed(content))
         except (ServiceError, VerbError) as err:
-            self._complain(channel, *errors.code_of(err))
+            self._send_error(channel, *errors.code_of(err))
         except Exception:
             log.exception("stream message failed", session=self.session.id)
-            self._complain(channel, "internal_error", "something went wrong inside the server; its log says what")
+            self._send_error(channel, "internal_error", "internal error; the server's log has the details")
 
-    def _aim(self, content: bytes) -> None:
+    def _set_adverbs(self, content: bytes) -> None:
         channel: int | None = None
         try:
-            channel, row = _aimed(content)
-            self.hub.aim(self.session, channel, row)
+            channel, row = _parsed_adverbs(content)
+            self.hub.set_adverbs(self.session, channel, row)
         except (ServiceError, VerbError) as err:
-            self._complain(channel, *errors.code_of(err))
+            self._send_error(channel, *errors.code_of(err))
 
-    def _complain(self, channel: int | None, code: str, detail: str) -> None:
-        self.session.say({"op": "error", "channel": channel, "code": code, "detail": detail})
+    def _send_error(self, channel: int | None, code: str, detail: str) -> None:
+        self.session.send_text({"op": "error", "channel": channel, "code": code, "detail": detail})
 
-    async def _do(self, asked: Open | Set | Switch | Close | Ping | Resume) -> None:
+    async def _apply(self, message: Open | Set | Switch | Close | Ping | Resume) -> None:
         hub, session = self.hub, self.session
-        match asked:
+        match message:
             case Open():
-                await hub.open(session, asked)
+                await hub.open(session, message)
             case Set():
-                await hub.set(session, asked)
+                await hub.set(session, message)
             case Switch():
-                await hub.switch(session, asked)
+                await hub.switch(session, message)
             case Close():
-                await hub.close(session, asked.channel)
+                await hub.close(session, message.channel)
             case Ping():
-                session.say({"op": "pong", "t": asked.t, "server_time_ns": hub.server_time_ns()})
+                session.send_text({"op": "pong", "t": message.t, "server_time_ns": hub.server_time_ns()})
             case Resume():
-                self.session = await hub.resume(session, asked.session, asked.last_seq)
+                self.session = await hub.resume(session, message.session, message.last_seq)
 
 
 def _parsed(content: str) -> Open | Set | Switch | Close | Ping | Resume:
@@ -178,8 +184,8 @@ def _parsed(content: str) -> Open | Set | Switch | Close | Ping | Resume:
         raise BadMessage(f"{at}: {first['msg']}" if at else str(first["msg"])) from err
 
 
-def _about(content: str) -> int | None:
-    """The channel that a message is about, whatever else is wrong with it."""
+def _channel_of(content: str) -> int | None:
+    """Channel of a text message, also of an invalid one."""
     try:
         channel = orjson.loads(content).get("channel")
     except (orjson.JSONDecodeError, AttributeError):
@@ -187,10 +193,10 @@ def _about(content: str) -> int | None:
     return channel if type(channel) is int and 0 <= channel <= MAX_CHANNEL else None
 
 
-def _aimed(content: bytes) -> tuple[int, tuple[float, ...]]:
-    if len(content) < 8 or len(content) % 4 or content[0] != OP_AIM:
+def _parsed_adverbs(content: bytes) -> tuple[int, tuple[float, ...]]:
+    if len(content) < 8 or len(content) % 4 or content[0] != OP_ADVERBS:
         raise BadMessage(
-            f"a binary message is 0x10, 0, channel as u16, then the verb's adverbs as f32; {len(content)} bytes came"
+            f"a binary message is 0x10, 0, channel as u16, then the verb's adverbs as f32; it has {len(content)} bytes"
         )
     _, _, channel, *row = struct.unpack(f"<BBH{len(content) // 4 - 1}f", content)
     return channel, tuple(row)

@@ -38,12 +38,12 @@ CROWDED = 64
 """Characters of a ticker from which on new sessions go to another one."""
 
 EARLY_S = 0.0003
-"""Timers come whole milliseconds apart; a tick may come so much too early."""
+"""A tick may run this much early, since timers have a resolution of one millisecond."""
 
 SWEEP_S = 0.5
 
-MOST = 1e9
-"""Largest adverb that is taken."""
+MAX_ADVERB = 1e9
+"""Largest magnitude of an adverb."""
 
 
 class Hub:
@@ -56,7 +56,7 @@ class Hub:
     catalog : callable
         Gives the verbs that are served now; raises :class:`service.errors.NotReady`.
     usage : Usage
-        Told twice a second what every character is asked for.
+        Records twice a second what every character is requested for.
     """
 
     def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog], usage: Usage) -> None:
@@ -66,7 +66,7 @@ class Hub:
         self.draining = False
         self._groups: dict[tuple[str, int, str], Group] = {}
         self._wake = asyncio.Event()
-        self._offered: Catalog | None = None
+        self._next_catalog: Catalog | None = None
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         now = time.monotonic()
         self._tickers = [Ticker(now + TICKER_OFFSET_S * _spread(k), metrics) for k in range(TICKERS)]
@@ -75,16 +75,16 @@ class Hub:
     # ── clock ────────────────────────────────────────────────────────────────────────────────────────────────────
 
     def server_time_ns(self) -> int:
-        """The server's clock: ns since 1970 as it was at the start, never stepping."""
+        """The server's clock: ns since 1970, set at the start and monotonic since."""
         return self._epoch_ns + time.monotonic_ns()
 
     async def run(self) -> None:
-        """Tick for ever."""
+        """Run ticks until cancelled."""
         sweep_at = time.monotonic() + SWEEP_S
         while True:
             busy = await self._tick()
-            if self._offered is not None:
-                offered, self._offered = self._offered, None
+            if self._next_catalog is not None:
+                offered, self._next_catalog = self._next_catalog, None
                 await self._renew_all(offered)
             now = time.monotonic()
             if now >= sweep_at:
@@ -119,7 +119,7 @@ class Hub:
 
     @property
     def full(self) -> bool:
-        """Whether no further stream is taken."""
+        """Whether the server has its maximum number of streams."""
         return sum(session.connected for session in self.sessions.values()) >= self.settings.streams
 
     @property
@@ -131,33 +131,33 @@ class Hub:
         """A new session for a connection."""
         session = Session(slow_s=self.settings.stream_slow_s)
         session.attach(connection)
-        ticker = self._ticker_of[session] = self._roomiest()
+        ticker = self._ticker_of[session] = self._least_loaded()
         ticker.sessions += 1
         self.sessions[session.id] = session
         return session
 
     async def resume(self, session: Session, session_id: str, last_seq: int) -> Session:
-        """Let a connection take over another session; raises :class:`UnknownSession`."""
+        """Attach a connection to another session; raises :class:`UnknownSession`."""
         found = self.sessions.get(session_id)
         if found is None or found is session:
-            raise UnknownSession("this server does not have that session, or no longer; open the channels anew")
+            raise UnknownSession("this server has no such session; open the channels again")
         connection = session.connection
-        assert connection is not None  # it is the one that asks
+        assert connection is not None  # it sent the request
         await self.forget(session)
         ticker = self._ticker_of[found]
         async with ticker.lock:
-            found.lost(last_seq)
+            found.count_lost(last_seq)
             found.attach(connection)
             ticker.changed()
             for channel in found.channels.values():
-                found.say(opened(channel, resumed=True))
+                found.send_text(opened(channel, resumed=True))
         return found
 
     async def leave(self, connection: Connection, *, for_good: bool) -> None:
-        """A connection is over: keep its session for the grace time, or not."""
+        """Handle the end of a connection: keep its session for the grace time, or close it."""
         session = next((one for one in self.sessions.values() if one.connection is connection), None)
         if session is None:
-            return  # another connection has it
+            return  # another connection resumed the session
         ticker = self._ticker_of[session]
         async with ticker.lock:
             session.detach(time.monotonic())
@@ -178,92 +178,92 @@ class Hub:
         del self._ticker_of[session]
 
     def drain(self) -> None:
-        """Tell every client that the server is about to stop."""
+        """Send ``drain`` to every client and close the connections."""
         self.draining = True
         for session in list(self.sessions.values()):
-            session.say({"op": "drain", "detail": "the server is stopping", "reconnect_after_s": 1.0})
+            session.send_text({"op": "drain", "detail": "the server is stopping", "reconnect_after_s": 1.0})
             if session.connection is not None:
                 session.connection.end(1012, "the server is stopping")
 
     # ── channels ─────────────────────────────────────────────────────────────────────────────────────────────────
 
-    async def open(self, session: Session, asked: Open) -> None:
+    async def open(self, session: Session, request: Open) -> None:
         """Start a character."""
-        if asked.channel in session.channels:
-            raise ChannelInUse(f"channel {asked.channel} is open already; close it first, or switch it")
+        if request.channel in session.channels:
+            raise ChannelInUse(f"channel {request.channel} is already open; close it first, or switch it")
         if len(session.channels) >= self.settings.stream_channels:
-            raise TooManyChannels(f"a stream may have {self.settings.stream_channels} channels")
+            raise TooManyChannels(f"a stream may have at most {self.settings.stream_channels} channels")
         if self.characters >= self.settings.stream_characters:
-            raise TooManyChannels(f"the server may have {self.settings.stream_characters} channels, and has them")
-        entry = self._catalog().entry(asked.verb)
-        layout, group = layout_of(entry, asked), self._group(entry, asked.method)
+            raise TooManyChannels(f"the server has its maximum of {self.settings.stream_characters} channels")
+        entry = self._catalog().entry(request.verb)
+        layout, group = layout_of(entry, request), self._group(entry, request.method)
         async with self._ticker_of[session].lock:
             slot = group.characters.add(
-                asked.adverbs,
-                phase=asked.phase,
-                speed=asked.speed,
-                playing=asked.play,
-                looping=asked.loop,
-                half_life_s=asked.half_life,
-                following=asked.follow,
+                request.adverbs,
+                phase=request.phase,
+                speed=request.speed,
+                playing=request.play,
+                looping=request.loop,
+                half_life_s=request.half_life,
+                following=request.follow,
             )
-            channel = Channel(asked.channel, session, group, slot, asked.fps, layout, asked)
-            session.channels[asked.channel] = channel
+            channel = Channel(request.channel, session, group, slot, request.fps, layout, request)
+            session.channels[request.channel] = channel
             self._ticker_of[session].add(channel, time.monotonic())
-            session.say(opened(channel))
+            session.send_text(opened(channel))
         self._wake.set()
 
-    async def set(self, session: Session, asked: Set) -> None:
+    async def set(self, session: Session, request: Set) -> None:
         """Change a character."""
-        channel = self._channel(session, asked.channel)
+        channel = self._channel(session, request.channel)
         async with self._ticker_of[session].lock:
             characters, slot = channel.group.characters, channel.slot
             row = None
-            if asked.adverbs is not None:
+            if request.adverbs is not None:
                 names = [adverb.name for adverb in characters.verb.adverbs]
                 now = dict(zip(names, characters.goals[slot].tolist(), strict=True))
-                row = characters.row({**now, **asked.adverbs})
+                row = characters.row({**now, **request.adverbs})
             characters.set(
                 slot,
-                phase=asked.phase,
-                speed=asked.speed,
-                playing=asked.play,
-                looping=asked.loop,
-                half_life_s=asked.half_life,
-                following=asked.follow,
+                phase=request.phase,
+                speed=request.speed,
+                playing=request.play,
+                looping=request.loop,
+                half_life_s=request.half_life,
+                following=request.follow,
             )
             if row is not None:
                 characters.aim(slot, row)
-            if asked.fps is not None and asked.fps != channel.fps:
+            if request.fps is not None and request.fps != channel.fps:
                 self._ticker_of[session].drop(channel)
-                channel.fps = asked.fps
+                channel.fps = request.fps
                 self._ticker_of[session].add(channel, time.monotonic())
         self._wake.set()
 
-    def aim(self, session: Session, number: int, row: Sequence[float]) -> None:
-        """Give a character other adverbs. A tick that is under way may see them, or the ones before."""
+    def set_adverbs(self, session: Session, number: int, row: Sequence[float]) -> None:
+        """Set the goal of a character. A running tick uses either the old or the new adverbs."""
         channel = self._channel(session, number)
         characters = channel.group.characters
-        if len(row) != len(characters.verb.adverbs) or not all(-MOST <= value <= MOST for value in row):
-            characters.row(np.array(row, np.float64))  # which says what is wrong
+        if len(row) != len(characters.verb.adverbs) or not all(-MAX_ADVERB <= value <= MAX_ADVERB for value in row):
+            characters.row(np.array(row, np.float64))  # raises with the reason
         characters.goals[channel.slot] = row
 
-    async def switch(self, session: Session, asked: Switch) -> None:
-        """Pass to another verb."""
-        self._channel(session, asked.channel)
-        entry = self._catalog().entry(asked.verb)
-        group = self._group(entry, asked.method)
+    async def switch(self, session: Session, request: Switch) -> None:
+        """Switch a character to another verb."""
+        self._channel(session, request.channel)
+        entry = self._catalog().entry(request.verb)
+        group = self._group(entry, request.method)
         async with self._ticker_of[session].lock:
-            channel = self._channel(session, asked.channel)
-            layout = layout_of(entry, channel.asked)
+            channel = self._channel(session, request.channel)
+            layout = layout_of(entry, channel.request)
             slot = group.characters.go_on(
-                *(channel.group.characters, channel.slot, asked.adverbs),
-                phase=asked.phase,
-                transition_s=asked.transition_s,
+                *(channel.group.characters, channel.slot, request.adverbs),
+                phase=request.phase,
+                transition_s=request.transition_s,
             )
             self._move(channel, group, slot)
             channel.layout = layout
-            session.say(opened(channel))
+            session.send_text(opened(channel))
 
     async def close(self, session: Session, number: int) -> None:
         """End a character."""
@@ -275,7 +275,7 @@ class Hub:
 
     def set_catalog(self, catalog: Catalog) -> None:
         """Let characters go on, from the next tick, with the verbs of a new catalog where these are other versions."""
-        self._offered = catalog
+        self._next_catalog = catalog
         self._wake.set()
 
     async def _renew_all(self, catalog: Catalog) -> None:
@@ -291,26 +291,26 @@ class Hub:
         was = channel.group
         entry = catalog.entries.get(was.entry.verb.name)
         if entry is None or entry is was.entry:
-            return  # a verb that is no longer served is played to its end
+            return  # a verb that is no longer served plays to its end
         try:
-            layout, group = layout_of(entry, channel.asked), self._group(entry, was.characters.method)
+            layout, group = layout_of(entry, channel.request), self._group(entry, was.characters.method)
             if _names(entry) != _names(was.entry):
                 raise VerbError(f"its adverbs are {', '.join(_names(entry))}")
             slot = group.characters.go_on(was.characters, channel.slot, transition_s=VERSION_S, same=True)
         except VerbError as err:
-            channel.session.say(
+            channel.session.send_text(
                 {
                     "op": "error",
                     "channel": channel.number,
                     "code": "bad_request",
-                    "detail": f"version {entry.version} of verb '{entry.verb.name}' cannot go on here: {err}",
+                    "detail": f"version {entry.version} of '{entry.verb.name}' cannot continue this channel: {err}",
                 }
             )
             return
         self._move(channel, group, slot)
         channel.layout = layout
         channel.flags |= NEW_VERSION
-        channel.session.say(
+        channel.session.send_text(
             {
                 "op": "version",
                 "channel": channel.number,
@@ -346,15 +346,15 @@ class Hub:
             found = self._groups[whole] = Group(entry, name)
         return found
 
-    def _roomiest(self) -> Ticker:
-        """The first ticker that is not crowded, or else the one with the fewest characters."""
+    def _least_loaded(self) -> Ticker:
+        """The first ticker with room, else the one with the fewest characters."""
         for ticker in self._tickers:
             if ticker.load < CROWDED:
                 return ticker
         return min(self._tickers, key=lambda ticker: ticker.load)
 
     async def _sweep(self, now_s: float) -> None:
-        """Forget sessions whose grace time is over."""
+        """Close sessions whose grace time has passed."""
         over = now_s - self.settings.stream_grace_s
         for session in [one for one in self.sessions.values() if one.lost_at is not None and one.lost_at < over]:
             await self.forget(session)

@@ -1,7 +1,7 @@
-"""The text messages of ``WS /v1/stream``, defined once: checked when they come, described when they go.
+"""Text messages of ``WS /v1/stream``: client messages are validated, server messages are described.
 
-``docs/wire.md`` is the specification. What the server says is written from plain mappings by orjson; its models are
-for the OpenAPI document, and tests hold the two together.
+``docs/wire.md`` is the specification. orjson writes server messages from plain mappings; their models are for the
+OpenAPI document, and tests compare the two.
 """
 
 from __future__ import annotations
@@ -35,21 +35,25 @@ __all__ = [
     "Version",
 ]
 
-ChannelNumber = Annotated[int, Field(ge=0, le=65_535, description="A character; the client numbers its own.")]
-Adverbs = Annotated[dict[Name, float], Field(min_length=1, max_length=MAX_ADVERBS, description="By name, in units.")]
+ChannelNumber = Annotated[int, Field(ge=0, le=65_535, description="Number of a character, chosen by the client.")]
+Adverbs = Annotated[
+    dict[Name, float], Field(min_length=1, max_length=MAX_ADVERBS, description="By name, in the verb's units.")
+]
 Fps = Annotated[int, Field(ge=1, le=120, description="Frames per second.")]
 Phase = Annotated[float, Field(ge=0, le=1, description="Canonical time.")]
-Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED, description="1 is the examples' own; may be negative.")]
+Speed = Annotated[
+    float, Field(ge=-MAX_SPEED, le=MAX_SPEED, description="1 is the speed of the examples; may be negative.")
+]
 HalfLife = Annotated[
-    float, Field(ge=0, le=10, description="Seconds in which half of the way to a new goal is done; 0 is at once.")
+    float, Field(ge=0, le=10, description="Half-life of the distance to a new goal, seconds; 0 follows at once.")
 ]
 
 
-class _Asked(BaseModel):
+class _ClientMessage(BaseModel):
     model_config = STRICT
 
 
-class Open(_Asked):
+class Open(_ClientMessage):
     """Start a character."""
 
     op: Literal["open"]
@@ -70,8 +74,8 @@ class Open(_Asked):
     follow: bool = True
 
 
-class Set(_Asked):
-    """Change a character: what is given changes, the rest stays."""
+class Set(_ClientMessage):
+    """Change the given fields of a character."""
 
     op: Literal["set"]
     channel: ChannelNumber
@@ -85,8 +89,8 @@ class Set(_Asked):
     follow: bool | None = None
 
 
-class Switch(_Asked):
-    """Pass to another verb of the same skeleton."""
+class Switch(_ClientMessage):
+    """Switch to another verb of the same skeleton."""
 
     op: Literal["switch"]
     channel: ChannelNumber
@@ -97,22 +101,22 @@ class Switch(_Asked):
     transition_s: Annotated[float, Field(ge=0, le=MAX_TRANSITION_S)] = RESTART_S
 
 
-class Close(_Asked):
+class Close(_ClientMessage):
     """End a character."""
 
     op: Literal["close"]
     channel: ChannelNumber
 
 
-class Ping(_Asked):
-    """Ask for the server's clock."""
+class Ping(_ClientMessage):
+    """Request the server's clock."""
 
     op: Literal["ping"]
     t: float
 
 
-class Resume(_Asked):
-    """Take over a session whose connection was lost."""
+class Resume(_ClientMessage):
+    """Resume a session whose connection was lost."""
 
     op: Literal["resume"]
     session: Annotated[str, Field(min_length=1, max_length=64)]
@@ -123,11 +127,11 @@ ClientMessage = Annotated[Open | Set | Switch | Close | Ping | Resume, Field(dis
 CLIENT: TypeAdapter[Open | Set | Switch | Close | Ping | Resume] = TypeAdapter(ClientMessage)
 
 
-class _Said(BaseModel):
+class _ServerMessage(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-class Hello(_Said):
+class Hello(_ServerMessage):
     """First message of a connection."""
 
     op: Literal["hello"]
@@ -137,7 +141,7 @@ class Hello(_Said):
     grace_s: float
 
 
-class StreamSkeleton(_Said):
+class StreamSkeleton(_ServerMessage):
     """Joints, in the order of the verb; offsets in the channel's frame."""
 
     names: list[str]
@@ -145,7 +149,7 @@ class StreamSkeleton(_Said):
     offsets: list[list[float]]
 
 
-class StreamAdverb(_Said):
+class StreamAdverb(_ServerMessage):
     """One adverb, and its range over the examples."""
 
     name: str
@@ -156,15 +160,15 @@ class StreamAdverb(_Said):
     goal: float
 
 
-class StreamKeytime(_Said):
-    """A keytime, and where it lies in the motion."""
+class StreamKeytime(_ServerMessage):
+    """A keytime and its phase."""
 
     name: str
     phase: float
 
 
-class Opened(_Said):
-    """A channel is open, has another verb, or was resumed."""
+class Opened(_ServerMessage):
+    """A channel was opened, switched or resumed."""
 
     op: Literal["opened"]
     channel: int
@@ -185,8 +189,8 @@ class Opened(_Said):
     resumed: bool
 
 
-class Version(_Said):
-    """A channel goes on with another version of its verb."""
+class Version(_ServerMessage):
+    """A channel continues with another version of its verb."""
 
     op: Literal["version"]
     channel: int
@@ -194,7 +198,7 @@ class Version(_Said):
     record_bytes: int
 
 
-class Event(_Said):
+class Event(_ServerMessage):
     """A keytime passed."""
 
     op: Literal["event"]
@@ -203,14 +207,14 @@ class Event(_Said):
     phase: float
 
 
-class End(_Said):
+class End(_ServerMessage):
     """A motion that does not loop reached its end."""
 
     op: Literal["end"]
     channel: int
 
 
-class Pong(_Said):
+class Pong(_ServerMessage):
     """The server's clock."""
 
     op: Literal["pong"]
@@ -218,8 +222,8 @@ class Pong(_Said):
     server_time_ns: int
 
 
-class Error(_Said):
-    """A message could not be done; nothing else changed."""
+class Error(_ServerMessage):
+    """A message was rejected; nothing changed."""
 
     op: Literal["error"]
     channel: int | None
@@ -227,8 +231,8 @@ class Error(_Said):
     detail: str
 
 
-class Drain(_Said):
-    """The server is about to stop."""
+class Drain(_ServerMessage):
+    """The server is shutting down."""
 
     op: Literal["drain"]
     detail: str

@@ -1,4 +1,4 @@
-"""Samples of what the characters of streams are asked for, recorded as usage."""
+"""Samples of the goals of streamed characters, recorded as usage."""
 
 from __future__ import annotations
 

@@ -24,14 +24,14 @@ from verbs.runtime.characters import Frames
 
 __all__ = ["Ticker"]
 
-PART_ROWS = 48
-"""Characters that are stepped in one go where they move; more would hold up everybody for over a millisecond."""
+MOVING_ROWS = 48
+"""Characters that are stepped in one call while goals move; more would block the event loop for over a millisecond."""
 
-CALM_ROWS, FEW = 128, 24
-"""Characters that are stepped in one go where no more than a few are on their way to other goals."""
+RESTING_ROWS, MAX_MOVING = 128, 24
+"""Characters that are stepped in one call, if at most so many of them follow a moving goal."""
 
 SLICE_S = 0.0005
-"""Time after which a tick lets others have the event loop."""
+"""Time after which a tick yields to the event loop."""
 
 MAX_PLANS = 32
 _TOGETHER_S = 1e-6
@@ -41,7 +41,7 @@ _MARGIN = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """Characters of one group and one fps, and where their records go."""
+    """Characters of one group and one fps, and the places of their records."""
 
     group: Group
     fps: int
@@ -51,16 +51,16 @@ class _Part:
     turned: bool
     pieces: tuple[_Part, ...] = ()
 
-    def goes(self) -> tuple[_Part, ...]:
-        """In how many goes to step it now."""
-        if self.pieces and self.group.characters.restless(self.slots) > FEW:
+    def calls(self) -> tuple[_Part, ...]:
+        """The parts that are stepped in one call each."""
+        if self.pieces and self.group.characters.restless(self.slots) > MAX_MOVING:
             return self.pieces
         return (self,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Post:
-    """A session's message: where it lies in the plan's words, and how many records it has."""
+class _Slice:
+    """A session's message: its range in the plan's words and its number of records."""
 
     session: Session
     start: int
@@ -71,7 +71,7 @@ class _Post:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plan:
     parts: list[_Part]
-    posts: list[_Post]
+    messages: list[_Slice]
     words: U32
 
 
@@ -97,11 +97,11 @@ class Ticker:
 
     @property
     def load(self) -> int:
-        """Characters, or sessions where these have none yet."""
+        """Number of characters, or of sessions if these have none yet."""
         return max(len(self), self.sessions)
 
     def add(self, channel: Channel, now_s: float) -> None:
-        """Take a channel in; its first tick is the next one of its fps."""
+        """Add a channel; its first tick is the next one of its fps."""
         fps = channel.fps
         if fps not in self.channels:
             self.channels[fps] = set()
@@ -110,7 +110,7 @@ class Ticker:
         self._plans.clear()
 
     def drop(self, channel: Channel) -> None:
-        """Let a channel go."""
+        """Remove a channel."""
         some = self.channels[channel.fps]
         some.discard(channel)
         if not some:
@@ -118,7 +118,7 @@ class Ticker:
         self._plans.clear()
 
     def changed(self) -> None:
-        """Something about a channel or a session changed that plans hold."""
+        """Discard the plans, since a channel or a session changed."""
         self._plans.clear()
 
     def due_s(self) -> float | None:
@@ -128,13 +128,13 @@ class Ticker:
         return self.origin_s + min((tick + 1) / fps for fps, tick in self._ticks.items())
 
     async def tick(self, now_s: float, clock_ns: int) -> None:
-        """Step every channel that is due, and post the messages.
+        """Step every channel that is due, and send the messages.
 
         Parameters
         ----------
         now_s : float
         clock_ns : int
-            What the server's clock shows at the zero of the event loop's.
+            The server's clock at the zero of the event loop's clock.
         """
         async with self.lock:
             due_s = self.due_s()
@@ -148,21 +148,21 @@ class Ticker:
                     self._plans.clear()
                 plan = self._plans[chosen] = _plan(channel for fps in chosen for channel in self.channels[fps])
             pause = time.perf_counter() + SLICE_S
-            for part in (go for whole in plan.parts for go in whole.goes()):
+            for part in (call for whole in plan.parts for call in whole.calls()):
                 self._step(part, steps[part.fps] / part.fps, plan.words)
                 if time.perf_counter() > pause:
                     await asyncio.sleep(0)
                     pause = time.perf_counter() + SLICE_S
             missed = max(steps.values()) - 1
-            if missed:  # the server was too slow: ticks that were due are stepped over, and counted as dropped
-                for post in plan.posts:
-                    post.session.dropped += missed
-                self._metrics.count_skipped(missed * len(plan.posts))
+            if missed:  # the server was too slow: missed ticks are skipped and counted as dropped
+                for message in plan.messages:
+                    message.session.dropped += missed
+                self._metrics.count_skipped(missed * len(plan.messages))
             shown_s = self.origin_s + max(self._ticks[fps] / fps for fps in steps)
             await self._send(plan, shown_s, clock_ns + int(shown_s * 1e9), pause)
 
     def _count(self, due_s: float, now_s: float) -> dict[int, int]:
-        """Ticks by fps since the last one, for every fps that is due; those that were missed are stepped over."""
+        """Ticks by fps since the last one, for every fps that is due; missed ones are skipped."""
         steps = {}
         for fps, tick in self._ticks.items():
             if (tick + 1) / fps <= due_s - self.origin_s + _TOGETHER_S:
@@ -178,14 +178,14 @@ class Ticker:
         turns = _turns(group, frames) if part.turned else frames.rotations
         pack(frames, turns, entry.version, part.targets, words)
         self._metrics.count_poses(entry, frames.blend, len(part.slots))
-        _tell(part, frames)
+        _send_events(part, frames)
 
     async def _send(self, plan: _Plan, due_s: float, due_ns: int, pause: float) -> None:
         whole, sent, dropped = plan.words.data.cast("B"), 0, 0
-        for post in plan.posts:
-            if post.session.post(whole[post.start : post.stop], post.records, due_ns):
+        for message in plan.messages:
+            if message.session.send_poses(whole[message.start : message.stop], message.records, due_ns):
                 sent += 1
-            elif post.session.connected:
+            elif message.session.connected:
                 dropped += 1
             if time.perf_counter() > pause:
                 await asyncio.sleep(0)
@@ -195,26 +195,26 @@ class Ticker:
 
 
 def _plan(channels: Iterable[Channel]) -> _Plan:
-    """Lay out the messages of channels that are due together."""
+    """Arrange the messages of channels that are due together."""
     by_session: dict[Session, list[Channel]] = {}
     for channel in channels:
         by_session.setdefault(channel.session, []).append(channel)
     rows: dict[tuple[tuple[str, int, str], int], list[tuple[Channel, int]]] = {}
-    posts, word = [], 0
+    messages, word = [], 0
     for session, some in by_session.items():
         start, word = word, word + HEADER_WORDS
         for channel in sorted(some, key=lambda one: one.number):
             here = word if session.connected else -1
             rows.setdefault((channel.group.key, channel.fps), []).append((channel, here))
             word += channel.layout.words
-        posts.append(_Post(session, 4 * start, 4 * word, len(some)))
+        messages.append(_Slice(session, 4 * start, 4 * word, len(some)))
     words = np.zeros(word, np.uint32)
-    parts = [_part(pairs[first:stop]) for pairs in rows.values() for first, stop in _cuts(len(pairs), CALM_ROWS)]
-    return _Plan(parts, posts, words)
+    parts = [_part(pairs[first:stop]) for pairs in rows.values() for first, stop in _cuts(len(pairs), RESTING_ROWS)]
+    return _Plan(parts, messages, words)
 
 
 def _cuts(count: int, most: int) -> list[tuple[int, int]]:
-    """As few pieces as can be, of nearly one length: where each begins and ends."""
+    """Bounds of the fewest pieces of nearly equal length."""
     pieces = -(-count // most)
     return [(k * count // pieces, (k + 1) * count // pieces) for k in range(pieces)]
 
@@ -230,13 +230,13 @@ def _part(pairs: list[tuple[Channel, int]]) -> _Part:
         Targets.of(layouts, [at for _, at in pairs], [channel.head() for channel in channels]),
         any(layout.space == "global" for layout in layouts),
     )
-    if len(pairs) <= PART_ROWS:
+    if len(pairs) <= MOVING_ROWS:
         return whole
-    return replace(whole, pieces=tuple(_piece(whole, *cut) for cut in _cuts(len(pairs), PART_ROWS)))
+    return replace(whole, pieces=tuple(_piece(whole, *cut) for cut in _cuts(len(pairs), MOVING_ROWS)))
 
 
 def _piece(whole: _Part, first: int, stop: int) -> _Part:
-    """Some characters of a part; what is told of them is told of the part."""
+    """Some characters of a part."""
     rows = slice(first, stop)
     targets = whole.targets.part(first, stop)
     return replace(whole, channels=whole.channels[rows], slots=whole.slots[rows], targets=targets)
@@ -250,16 +250,16 @@ def _turns(group: Group, frames: Frames) -> F64:
     return turns
 
 
-def _tell(part: _Part, frames: Frames) -> None:
-    """Say which keytimes passed and which motions ended; take back flags that are sent once."""
+def _send_events(part: _Part, frames: Frames) -> None:
+    """Send events of passed keytimes and ended motions; clear flags that are sent once."""
     verb = part.group.entry.verb
     progress = frames.progress
     for b in np.flatnonzero(progress["passed"] + progress["ended"]):
         channel = part.channels[b]
         for name, phase in _passed(verb.keytime_names, verb.phases.tolist(), verb.looping, progress[b]):
-            channel.session.say({"op": "event", "channel": channel.number, "name": name, "phase": phase})
+            channel.session.send_text({"op": "event", "channel": channel.number, "name": name, "phase": phase})
         if progress["ended"][b]:
-            channel.session.say({"op": "end", "channel": channel.number})
+            channel.session.send_text({"op": "end", "channel": channel.number})
     heads = part.targets.heads
     for b in np.flatnonzero(heads >> 24):
         part.channels[b].flags &= ~NEW_VERSION

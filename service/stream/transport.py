@@ -1,8 +1,11 @@
-"""uvicorn's WebSockets with short buffers, and a short way for what comes and goes all the time.
+"""uvicorn WebSocket protocol with small write buffers and a fast path for binary messages.
 
-ASGI's ``send`` and ``receive`` cost a coroutine, a dictionary, a queue and several copies a message. Pose messages
-and binary adverbs go past them, where nothing else is under way. Whoever serves a connection finds this at
-``scope["extensions"][SOCKET]``; under another server it is not there, and ``send`` and ``receive`` do.
+ASGI's ``send`` and ``receive`` cost a coroutine, a dictionary, a queue and several copies for each message. Pose
+messages and binary adverbs bypass them when no other message is pending. The endpoint finds the protocol at
+``scope["extensions"][TRANSPORT]``; under another server it is missing, and ``send`` and ``receive`` are used.
+
+This is the only file that touches private parts of uvicorn and websockets; ``tests/service/stream/test_transport.py``
+fails when they change.
 """
 
 from __future__ import annotations
@@ -17,75 +20,75 @@ from websockets.frames import CloseCode, Frame
 from websockets.http11 import Request
 from websockets.protocol import State
 
-__all__ = ["SOCKET", "Sockets"]
+__all__ = ["TRANSPORT", "StreamProtocol"]
 
-SOCKET = "adverb.socket"
+TRANSPORT = "adverb.transport"
 
 UNSENT_BYTES = 16_384
-"""Unsent bytes beyond which poses are dropped, unless one message is longer: what waits is old when it is read."""
+"""Unsent bytes beyond which pose messages are dropped, so that a slow client receives fresh poses."""
 
-TURN = 32
-"""Messages of one read that are heard at once; with more, others get a turn."""
+MAX_DIRECT = 32
+"""Messages of one read that are handled immediately; further ones go through the event loop."""
 
-_BINARY = 0x82  # a whole binary message in one frame
+_BINARY = 0x82  # final frame of a binary message
 
 
-class Sockets(WebSocketsSansIOProtocol):
+class StreamProtocol(WebSocketsSansIOProtocol):
     """One connection.
 
     Attributes
     ----------
-    hear : callable, optional
-        Given a binary message as it comes; False where it must wait its turn.
+    on_binary : callable, optional
+        Called with a binary message on arrival; returns False if the message has to be queued.
     """
 
-    hear: Callable[[bytes], bool] | None = None
-    _heard = _room = 0
+    on_binary: Callable[[bytes], bool] | None = None
+    _handled = _buffer = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Keep at most :data:`UNSENT_BYTES` here, and as much in the kernel."""
+        """Limit the write buffer to :data:`UNSENT_BYTES`, and the kernel's to twice as much."""
         super().connection_made(transport)
-        self._make_room(UNSENT_BYTES)
+        self._set_buffer(UNSENT_BYTES)
 
     def handle_connect(self, event: Request) -> None:
-        """Let the endpoint find this."""
+        """Add the protocol to the scope."""
         super().handle_connect(event)
         if self.response.status_code == 101:
-            self.scope["extensions"][SOCKET] = self  # type: ignore[assignment]
+            self.scope["extensions"][TRANSPORT] = self  # type: ignore[assignment]
 
-    def post(self, message: bytes) -> bool:
-        """Write a binary message now or not at all; whether it was written.
+    def send_binary(self, message: bytes) -> bool:
+        """Write a binary message if the buffer has room; return whether it was written.
 
         Raises
         ------
         ConnectionError
-            The connection is over.
+            The connection is closed.
         """
         if not self.writable.is_set():
             return False
         if self.close_sent or self.disconnected or self.conn.state is not State.OPEN:
-            raise ConnectionError("the connection is over")
+            raise ConnectionError("the connection is closed")
         size = len(message)
-        if size > self._room:
-            self._make_room(size)
+        if size > self._buffer:
+            self._set_buffer(size)
         self.transport.write(_head(size) + message)
         return True
 
     def data_received(self, data: bytes) -> None:
-        """Read what came."""
-        self._heard = 0
+        """Parse received bytes."""
+        self._handled = 0
         super().data_received(data)
 
     def handle_bytes(self, event: Frame) -> None:
-        """Hand a binary message on, without a detour where nothing comes before it."""
-        if event.fin and self.hear is not None and self._heard < TURN and self.queue.empty():
-            self._heard += 1
-            if self.hear(bytes(event.data)):
+        """Handle a binary message immediately if no other message is queued, else queue it."""
+        if event.fin and self.on_binary is not None and self._handled < MAX_DIRECT and self.queue.empty():
+            self._handled += 1
+            if self.on_binary(bytes(event.data)):
                 return
         super().handle_bytes(event)
 
     def send_receive_event_to_app(self) -> None:
-        """Hand a whole message on; text that is not UTF-8 ends its connection, and is not worth a line in the log."""
+        """Queue a complete message; text that is not UTF-8 closes the connection without a log entry."""
         if self.curr_msg_data_type == "text" and not self.close_sent:
             try:
                 b"".join(self.frames).decode()
@@ -96,9 +99,9 @@ class Sockets(WebSocketsSansIOProtocol):
                 return
         super().send_receive_event_to_app()
 
-    def _make_room(self, size: int) -> None:
-        """Take a message of this length whole: one that is cut waits for the next turn of the event loop."""
-        self._room = size
+    def _set_buffer(self, size: int) -> None:
+        """Make room for a whole message of this length, since the rest of a partial one waits for the event loop."""
+        self._buffer = size
         self.transport.set_write_buffer_limits(high=size)
         if hasattr(socket, "TCP_NOTSENT_LOWAT"):
             connection = self.transport.get_extra_info("socket")
@@ -106,7 +109,7 @@ class Sockets(WebSocketsSansIOProtocol):
 
 
 def _head(size: int) -> bytes:
-    """What stands before a message of this length; RFC 6455, section 5.2."""
+    """Frame header of a message of this length (RFC 6455, section 5.2)."""
     if size < 126:
         return bytes((_BINARY, size))
     if size < 65_536:

@@ -17,7 +17,7 @@ import pytest
 
 from service.refinement.worker.healthcheck import alive
 from tests.service.store.postgres import Postgres, programs
-from tests.service.stream.conftest import talk
+from tests.service.stream.conftest import open_stream
 from verbs import library
 from verbs.io import artifact
 
@@ -137,7 +137,7 @@ def test_an_upload_through_one_server_is_served_by_the_other(cluster, tmp_path):
 
 async def test_a_refinement_outlives_its_worker_and_reaches_every_server(cluster, client):
     asked = {"max_pseudo": 400, "target_error": 1e-6}
-    async with talk(SimpleNamespace(url=cluster.b.base.replace("http", "ws") + "/v1/stream")) as stream:
+    async with open_stream(SimpleNamespace(url=cluster.b.base.replace("http", "ws") + "/v1/stream")) as stream:
         await stream.open(1, "arm3", adverbs={"x": 0.4, "y": 0.3}, method="rbf")
         reading = asyncio.create_task(stream.until("version"))
         job = (await client.post(f"{cluster.a.base}/v1/verbs/arm3/refinements", json=asked)).json()["id"]

@@ -8,7 +8,7 @@ import pytest
 
 from tests.service.catalog.conftest import PATIENCE_S, Kept, client_of, until
 from tests.service.refinement.conftest import database
-from tests.service.stream.conftest import talk
+from tests.service.stream.conftest import open_stream
 
 pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("outage")]
 
@@ -55,7 +55,7 @@ async def test_a_server_waits_for_its_database_at_the_start(postgres, tmp_path):
 async def test_an_outage_of_the_database_interrupts_neither_poses_nor_streams(postgres, tmp_path):
     server = Kept(data=tmp_path, database_url=database(postgres), refiners=1).start(PATIENCE_S)
     try:
-        async with client_of(server) as client, talk(server) as stream:
+        async with client_of(server) as client, open_stream(server) as stream:
             await stream.open(1, "reach")
             reading = asyncio.create_task(stream.until("version", channel=1))
             job = (await client.post("/v1/verbs/reach/refinements", json=LONG)).json()

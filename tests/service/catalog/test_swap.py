@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.service.catalog.conftest import PATIENCE_S, Kept
-from tests.service.stream.conftest import talk
+from tests.service.stream.conftest import open_stream
 from tests.verbs.sources import ANGLES, arm_source
 from verbs.authoring.fit import build
 from verbs.io import artifact
@@ -48,7 +48,7 @@ def server(tmp_path_factory, arms):
 async def test_twenty_versions_come_and_go_under_a_hundred_streams(server, arms, tmp_path):
     examples = {1: len(arms[0].examples)}
     async with AsyncExitStack() as stack:
-        clients = [await stack.enter_async_context(talk(server)) for _ in range(SOCKETS)]
+        clients = [await stack.enter_async_context(open_stream(server)) for _ in range(SOCKETS)]
         for k, client in enumerate(clients):
             how = {"encoding": "f32", "fps": 60} if k < WATCHED else {"encoding": "weights", "fps": 5}
             await client.open(1, "arm", **HELD, **how)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.service.catalog.conftest import OCTETS, PATIENCE_S, until
-from tests.service.stream.conftest import talk
+from tests.service.stream.conftest import open_stream
 from verbs import library
 from verbs.domain import inside
 from verbs.io import artifact
@@ -64,7 +64,7 @@ async def test_requests_in_one_corner_improve_that_corner(client, kept, tmp_path
 
 
 async def test_characters_of_streams_count_too(client, kept):
-    async with talk(kept) as stream:
+    async with open_stream(kept) as stream:
         await stream.open(1, "board")
         await stream.open(2, "board")
         assert await stored_usage(kept, "board", 6) >= 6

@@ -11,7 +11,7 @@ import pytest
 
 from service.settings import Settings
 from tests.service.catalog.conftest import JSON, OCTETS, PATIENCE_S, ZIP, Kept, children, client_of, until, zipped_arm
-from tests.service.stream.conftest import talk
+from tests.service.stream.conftest import open_stream
 from verbs import library
 from verbs.io import artifact
 
@@ -106,7 +106,7 @@ async def test_a_version_can_be_downloaded(client):
 
 
 async def test_a_refinement_is_followed_to_its_end_while_a_stream_runs(client, kept):
-    async with talk(kept) as stream:
+    async with open_stream(kept) as stream:
         await stream.open(1, "arm3", adverbs={"x": 0.4, "y": 0.3}, method="rbf")
         asked = {"max_pseudo": 25, "target_error": 0.0001}
         started = await client.post("/v1/verbs/arm3/refinements", json=asked)

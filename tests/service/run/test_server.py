@@ -190,7 +190,7 @@ def test_a_long_start_is_told_of_until_it_is_over():
     patience = Patience(told.append, (0.001, 0.01))
     while len(told) < 3 and time.monotonic() < end:
         time.sleep(0.001)
-    patience.say("ready")
+    patience.send("ready")
     patience.end()
     count = len(told)
     time.sleep(0.1)
@@ -203,5 +203,5 @@ def test_a_long_start_is_told_of_until_it_is_over():
 def test_a_short_start_says_nothing_of_itself():
     told = []
     patience = Patience(told.append)
-    patience.say("ready")
+    patience.send("ready")
     assert told == ["ready"]

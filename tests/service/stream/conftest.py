@@ -115,10 +115,10 @@ class Client:
     joints: dict = field(default_factory=dict)
     lengths: dict = field(default_factory=dict)
 
-    async def say(self, op, **fields):
+    async def send(self, op, **fields):
         await self.socket.send(json.dumps({"op": op, **fields}))
 
-    async def aim(self, channel, *adverbs):
+    async def set_adverbs(self, channel, *adverbs):
         await self.socket.send(struct.pack(f"<BBH{len(adverbs)}f", 0x10, 0, channel, *adverbs))
 
     async def read(self):
@@ -163,7 +163,7 @@ class Client:
                 return
 
     async def open(self, channel, verb, **fields):
-        await self.say("open", channel=channel, verb=verb, **fields)
+        await self.send("open", channel=channel, verb=verb, **fields)
         return await self.until("opened", channel=channel)
 
     def decode(self, content):
@@ -204,7 +204,7 @@ def rotation(a, b, c):
 
 
 @asynccontextmanager
-async def talk(server, **options):
+async def open_stream(server, **options):
     """A connection that has been greeted."""
     async with connect(server.url, subprotocols=["adverb.v1"], compression=None, max_queue=None, **options) as socket:
         client = Client(socket)

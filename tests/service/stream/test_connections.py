@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from tests.service.stream.conftest import eventually, talk
+from tests.service.stream.conftest import eventually, open_stream
 
 pytestmark = pytest.mark.anyio
 
@@ -22,15 +22,15 @@ async def drop(client):
 
 
 async def test_a_lost_session_goes_on_and_is_resumed(server):
-    async with talk(server) as one:
+    async with open_stream(server) as one:
         await one.open(3, "reach", adverbs=REACH, speed=0.5)
         await one.open(4, "arm3", play=False)
         before = (await one.poses(10))[-1]
         await drop(one)
     await asyncio.sleep(0.5)
-    async with talk(server) as two:
+    async with open_stream(server) as two:
         await two.open(9, "arm3")  # what it opened itself is closed
-        await two.say("resume", session=one.hello["session"], last_seq=before.sequence)
+        await two.send("resume", session=one.hello["session"], last_seq=before.sequence)
         first = await two.until("opened", channel=3)
         await two.until("opened", channel=4)
         assert first["resumed"] is True
@@ -43,37 +43,37 @@ async def test_a_lost_session_goes_on_and_is_resumed(server):
         assert after.dropped >= 0.4 * 60
         frames = await two.poses(5)
         assert np.all(np.diff([frame.sequence for frame in frames]) == 1)
-        await two.say("ping", t=0)
+        await two.send("ping", t=0)
         await two.until("pong")
 
 
 async def test_after_the_grace_time_a_session_is_gone(serve):
     with serve(stream_grace_s=0.3) as server:
-        async with talk(server) as one:
+        async with open_stream(server) as one:
             await one.open(1, "arm3")
             await one.poses(2)
             await drop(one)
         await eventually(lambda: not server.hub.sessions)
         assert server.hub.characters == 0
-        async with talk(server) as two:
-            await two.say("resume", session=one.hello["session"], last_seq=0)
+        async with open_stream(server) as two:
+            await two.send("resume", session=one.hello["session"], last_seq=0)
             assert (await two.until("error"))["code"] == "unknown_session"
             await two.open(1, "arm3")
 
 
 async def test_who_leaves_politely_is_not_waited_for(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "arm3")
         name = client.hello["session"]
     await eventually(lambda: name not in server.hub.sessions)
 
 
 async def test_a_session_can_be_taken_over_while_its_connection_seems_alive(server):
-    async with talk(server) as one:
+    async with open_stream(server) as one:
         await one.open(1, "arm3")
         await one.poses(2)
-        async with talk(server) as two:
-            await two.say("resume", session=one.hello["session"], last_seq=2)
+        async with open_stream(server) as two:
+            await two.send("resume", session=one.hello["session"], last_seq=2)
             await two.until("opened", channel=1)
             assert await two.poses(3)
             with pytest.raises(ConnectionClosed) as closed:
@@ -84,10 +84,10 @@ async def test_a_session_can_be_taken_over_while_its_connection_seems_alive(serv
 
 async def test_a_slow_reader_holds_up_nobody_and_finds_fresh_frames(serve):
     with serve() as server:
-        async with talk(server, max_size=None) as slow:
+        async with open_stream(server, max_size=None) as slow:
             for number in range(40):
                 await slow.open(number, "reach", adverbs=REACH)
-            others = [talk(server) for _ in range(99)]
+            others = [open_stream(server) for _ in range(99)]
             clients = [await one.__aenter__() for one in others]
             for client in clients:
                 await client.open(0, "arm3", fps=30)
@@ -99,8 +99,8 @@ async def test_a_slow_reader_holds_up_nobody_and_finds_fresh_frames(serve):
                 client.frames.clear()
             await asyncio.gather(*(client.for_seconds(10.0) for client in clients))
             session = server.hub.sessions[slow.hello["session"]]
-            kept = session.connection._socket.transport.get_write_buffer_size()
-            waiting = len(session.connection.waiting)
+            kept = session.connection._transport.transport.get_write_buffer_size()
+            waiting = len(session.connection.pending)
             slow.socket.transport.resume_reading()
             slow.frames.clear()
             while not (slow.frames and slow.frames[-1].time_ns > time.time_ns() - 100_000_000):
@@ -123,7 +123,7 @@ async def test_a_slow_reader_holds_up_nobody_and_finds_fresh_frames(serve):
 
 async def test_who_reads_nothing_for_too_long_is_cut_off(serve):
     with serve(stream_slow_s=0.5) as server:
-        async with talk(server, max_size=None) as slow:
+        async with open_stream(server, max_size=None) as slow:
             for number in range(60):
                 await slow.open(number, "reach", adverbs=REACH, fps=120)
             slow.socket.transport.pause_reading()
@@ -137,16 +137,16 @@ async def test_who_reads_nothing_for_too_long_is_cut_off(serve):
 
 
 async def test_a_client_that_only_talks_is_not_heard_faster_than_it_reads(server):
-    async with talk(server, max_size=None) as client:
+    async with open_stream(server, max_size=None) as client:
         client.socket.transport.pause_reading()
         flood = asyncio.create_task(_flood(client, 20_000))
         await asyncio.sleep(1.0)
-        async with talk(server) as other:
+        async with open_stream(server) as other:
             await other.open(1, "arm3")
             frames = await other.poses(30)
             assert np.all(np.diff([frame.sequence for frame in frames]) == 1)
         connection = server.hub.sessions[client.hello["session"]].connection
-        assert len(connection.waiting) <= 256
+        assert len(connection.pending) <= 256
         client.socket.transport.resume_reading()
         await flood
         pong = None
@@ -161,7 +161,7 @@ async def _flood(client, count):
 
 async def test_a_stopping_server_says_so_and_closes(serve):
     with serve() as server:
-        async with talk(server) as client:
+        async with open_stream(server) as client:
             await client.open(1, "arm3")
             await client.poses(2)
             started = time.monotonic()
@@ -176,8 +176,8 @@ async def test_a_stopping_server_says_so_and_closes(serve):
 
 
 async def test_uvicorn_waits_for_room_before_it_writes(server):
-    """What :func:`service.stream.session._now` stands on: a message is written whole in one step, or not at all."""
-    async with talk(server, max_size=None) as slow:
+    """What :func:`service.stream.connection._run_once` relies on: one step writes a whole message or nothing."""
+    async with open_stream(server, max_size=None) as slow:
         for number in range(60):
             await slow.open(number, "reach", fps=120)
         slow.socket.transport.pause_reading()

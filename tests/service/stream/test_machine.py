@@ -60,7 +60,7 @@ class Wire:
     def texts(self):
         return [json.loads(message["text"]) for message in self.said if message.get("text")]
 
-    def say(self, **content):
+    def exchange(self, **content):
         """Send a message; what the server said to it."""
         self.said.clear()
         self.inbox.put_nowait({"type": "websocket.receive", **content})
@@ -88,7 +88,8 @@ class Streams(RuleBasedStateMachine):
         self.session = self.wire.texts()[0]["session"]
 
     def ask(self, **message):
-        answer = self.wire.say(text=json.dumps({key: value for key, value in message.items() if value is not None}))
+        given = {key: value for key, value in message.items() if value is not None}
+        answer = self.wire.exchange(text=json.dumps(given))
         return [text for text in answer if text["op"] in ("error", "opened", "pong")]
 
     def judge(self, answer, *, allowed):
@@ -135,16 +136,16 @@ class Streams(RuleBasedStateMachine):
     @rule(channel=CHANNELS, row=st.lists(st.floats(width=32), max_size=4))
     def aims(self, channel, row):
         content = struct.pack(f"<BBH{len(row)}f", 0x10, 0, channel, *row)
-        self.judge([text for text in self.wire.say(bytes=content) if text["op"] == "error"], allowed=True)
+        self.judge([text for text in self.wire.exchange(bytes=content) if text["op"] == "error"], allowed=True)
 
     @rule(content=st.binary(max_size=40))
     def babbles(self, content):
-        self.judge([text for text in self.wire.say(bytes=content) if text["op"] == "error"], allowed=True)
+        self.judge([text for text in self.wire.exchange(bytes=content) if text["op"] == "error"], allowed=True)
 
     @rule(content=ANYTHING, op=st.sampled_from(["open", "set", "switch", "close", "ping", "resume", "dance"]))
     def rambles(self, content, op):
         message = {**content, "op": op} if isinstance(content, dict) else content
-        answer = [text for text in self.wire.say(text=json.dumps(message)) if text["op"] in ("error", "pong")]
+        answer = [text for text in self.wire.exchange(text=json.dumps(message)) if text["op"] in ("error", "pong")]
         assert len(answer) == 1
         assert answer[0]["op"] == "pong" or answer[0]["code"] == "bad_message"
 

@@ -14,7 +14,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
 from service.stream import messages
-from tests.service.stream.conftest import eventually, talk
+from tests.service.stream.conftest import eventually, open_stream
 from verbs.kernels import quat
 
 pytestmark = pytest.mark.anyio
@@ -38,7 +38,7 @@ async def ask(server, verb, **body):
 
 
 async def test_hello_names_the_session_the_clock_and_the_limits(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         assert client.socket.subprotocol == "adverb.v1"
         assert len(client.hello["session"]) >= 20
         assert abs(client.hello["server_time_ns"] - time.time_ns()) < 2e9
@@ -52,7 +52,7 @@ async def test_only_our_subprotocol_is_echoed(server):
 
 
 async def test_a_held_channel_shows_the_pose_that_rest_gives(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         opened = await client.open(7, "reach", adverbs=REACH, phase=0.3, play=False, follow=False)
         (frame,) = await client.poses(1)
         record = frame.of(7)
@@ -69,12 +69,12 @@ async def test_a_held_channel_shows_the_pose_that_rest_gives(server):
 
 
 async def test_everything_the_server_says_fits_the_published_schema(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "reach", adverbs=REACH, phase=0.45, speed=10)
         await client.until("end")
-        await client.say("ping", t=0.25)
+        await client.send("ping", t=0.25)
         await client.until("pong")
-        await client.say("close", channel=9)
+        await client.send("close", channel=9)
         await client.until("error")
         for text in client.texts:
             messages.SERVER.validate_json(json.dumps(text))
@@ -83,7 +83,7 @@ async def test_everything_the_server_says_fits_the_published_schema(server):
 
 @pytest.mark.parametrize("fps", [120, 60, 25, 7])
 async def test_frames_come_on_an_absolute_schedule(server, fps):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "arm3", adverbs=ARM, fps=fps)
         frames = await client.poses(max(4, fps // 3))
     ticks = np.diff([frame.time_ns for frame in frames]) * fps / 1e9
@@ -95,7 +95,7 @@ async def test_frames_come_on_an_absolute_schedule(server, fps):
 
 
 async def test_channels_of_a_socket_share_messages(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         for channel, fps in ((1, 60), (2, 60), (3, 30)):
             await client.open(channel, "arm3", fps=fps)
         frames = (await client.poses(20))[4:]
@@ -105,21 +105,21 @@ async def test_channels_of_a_socket_share_messages(server):
 
 
 async def test_time_runs_as_asked(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "arm3", adverbs=ARM, fps=100, speed=0.5)
         frames = await client.poses(10)
         passed = (frames[-1].time_ns - frames[0].time_ns) / 1e9
         assert frames[-1].of(1).time - frames[0].of(1).time == pytest.approx(0.5 * passed, abs=1e-5)
-        await client.say("set", channel=1, play=False, phase=0.5)
+        await client.send("set", channel=1, play=False, phase=0.5)
         frames = [frame.of(1).phase for frame in await client.poses(20)]
         assert frames[-5:] == [0.5] * 5
-        await client.say("set", channel=1, play=True, speed=-1)
+        await client.send("set", channel=1, play=True, speed=-1)
         phases = [frame.of(1).phase for frame in await client.poses(20)]
         assert phases[-1] < phases[-5] < 0.5
 
 
 async def test_keytimes_pass_and_a_motion_ends_once(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "reach", adverbs=REACH, speed=8, fps=120)
         await client.until("end")
         await client.for_seconds(0.1)
@@ -132,7 +132,7 @@ async def test_keytimes_pass_and_a_motion_ends_once(server):
 
 
 async def test_played_backwards_it_ends_at_the_start(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "reach", speed=-10, phase=1.0, fps=120)
         await client.until("end")
         names = [text["name"] for text in client.texts if text["op"] == "event"]
@@ -140,7 +140,7 @@ async def test_played_backwards_it_ends_at_the_start(server):
 
 
 async def test_a_loop_goes_on_through_the_world(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "sway", speed=4, fps=60)
         frames = await client.poses(60)
     records = [frame.of(1) for frame in frames]
@@ -154,7 +154,7 @@ async def test_a_loop_goes_on_through_the_world(server):
 
 
 async def test_a_motion_that_does_not_loop_can_start_over(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "reach", adverbs=REACH, loop=True, phase=0.95, fps=60)
         frames = await client.poses(40)
     flags = [frame.of(1).flags for frame in frames]
@@ -164,10 +164,10 @@ async def test_a_motion_that_does_not_loop_can_start_over(server):
 
 
 async def test_adverbs_are_run_after_smoothly(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         opened = await client.open(1, "arm3", adverbs={"x": 0.2, "y": 0.2}, phase=0.4, play=False, half_life=0.05)
         await client.poses(2)
-        await client.aim(1, 0.6, 0.4)
+        await client.set_adverbs(1, 0.6, 0.4)
         frames = await client.poses(60)
     steps = [angle(a.of(1).rotations, b.of(1).rotations) for a, b in pairwise(frames)]
     assert max(steps) < 0.35
@@ -180,10 +180,10 @@ async def test_adverbs_are_run_after_smoothly(server):
 
 
 async def test_half_life_zero_is_at_once(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "arm3", adverbs={"x": 0.2, "y": 0.2}, phase=0.1, play=False, half_life=0)
         await client.poses(1)
-        await client.say("set", channel=1, adverbs={"x": 0.6})
+        await client.send("set", channel=1, adverbs={"x": 0.6})
         frames = await client.poses(20)
     expected = await ask(server, "arm3", adverbs={"x": 0.6, "y": 0.2}, phase=0.1)
     np.testing.assert_allclose(frames[-1].of(1).rotations, expected["rotations"], atol=1e-6)
@@ -192,7 +192,7 @@ async def test_half_life_zero_is_at_once(server):
 
 
 async def test_encodings_agree(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         names = ["RightHand", "Hips", "Head"]
         fields = {"adverbs": REACH, "phase": 0.4, "play": False, "follow": False}
         full = await client.open(1, "reach", **fields)
@@ -222,7 +222,7 @@ CHANGE = {
 
 @pytest.mark.parametrize("frame", CHANGE)
 async def test_frames_are_what_matrices_say(server, frame):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         fields = {"adverbs": REACH, "phase": 0.4, "play": False, "space": "global"}
         plain = await client.open(1, "reach", **fields)
         turned = await client.open(2, "reach", frame=frame, **fields)
@@ -238,8 +238,8 @@ async def test_frames_are_what_matrices_say(server, frame):
 
 
 async def test_a_ping_tells_the_clock(server):
-    async with talk(server) as client:
-        await client.say("ping", t=12.5)
+    async with open_stream(server) as client:
+        await client.send("ping", t=12.5)
         pong = await client.until("pong")
         await client.open(1, "arm3")
         (frame,) = await client.poses(1)
@@ -284,7 +284,7 @@ async def test_a_ping_tells_the_clock(server):
     ],
 )
 async def test_a_mistake_is_named_and_changes_nothing(server, content, code, channel):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "arm3", adverbs=ARM)
         await client.socket.send(content)
         error = await client.until("error")
@@ -294,7 +294,7 @@ async def test_a_mistake_is_named_and_changes_nothing(server, content, code, cha
 
 
 async def test_a_message_over_64_kib_ends_the_connection(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.socket.send("x" * 70_000)
         with pytest.raises(ConnectionClosed) as closed:
             await client.until("never")
@@ -303,31 +303,31 @@ async def test_a_message_over_64_kib_ends_the_connection(server):
 
 async def test_limits_are_kept(serve):
     with serve(stream_channels=2, stream_characters=3, streams=2) as server:
-        async with talk(server) as one, talk(server) as two:
+        async with open_stream(server) as one, open_stream(server) as two:
             await one.open(1, "arm3")
             await one.open(2, "arm3")
-            await one.say("open", channel=3, verb="arm3")
+            await one.send("open", channel=3, verb="arm3")
             assert (await one.until("error"))["code"] == "too_many_channels"
             await two.open(1, "arm3")
-            await two.say("open", channel=2, verb="arm3")
+            await two.send("open", channel=2, verb="arm3")
             assert (await two.until("error"))["code"] == "too_many_channels"
             async with connect(server.url) as third:
                 with pytest.raises(ConnectionClosed) as closed:
                     await asyncio.wait_for(third.recv(), 5)
                 assert closed.value.rcvd.code == 4029
-            await one.say("close", channel=1)
+            await one.send("close", channel=1)
             await one.open(3, "arm3")
 
 
 async def test_closed_channels_leave_nothing_behind(server):
     await eventually(lambda: not server.hub.sessions)
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         for number in range(5):
             await client.open(number, "reach")
         await client.poses(2)
         for number in range(5):
-            await client.say("close", channel=number)
-        await client.say("ping", t=0)
+            await client.send("close", channel=number)
+        await client.send("ping", t=0)
         await client.until("pong")
         assert server.hub.characters == 0
         client.frames.clear()
@@ -338,7 +338,7 @@ async def test_closed_channels_leave_nothing_behind(server):
 
 
 async def test_metrics_tell_of_streams(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(1, "reach")
         await client.open(2, "reach")
         await client.for_seconds(0.8)

@@ -10,8 +10,8 @@ import uvicorn
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from service.stream.transport import SOCKET, TURN, UNSENT_BYTES, Sockets
-from tests.service.stream.conftest import PATIENCE_S, eventually, talk
+from service.stream.transport import MAX_DIRECT, TRANSPORT, UNSENT_BYTES, StreamProtocol
+from tests.service.stream.conftest import PATIENCE_S, eventually, open_stream
 
 pytestmark = pytest.mark.anyio
 
@@ -30,15 +30,15 @@ class Posting:
             return
         await receive()
         await send({"type": "websocket.accept"})
-        short = scope["extensions"][SOCKET]
+        short = scope["extensions"][TRANSPORT]
         self.sockets.append(short)
         for length in LENGTHS:
-            while not short.post(bytes(k % 251 for k in range(length))):
+            while not short.send_binary(bytes(k % 251 for k in range(length))):
                 await short.writable.wait()
         while (await receive())["type"] != "websocket.disconnect":
             pass
         with pytest.raises(ConnectionError):
-            short.post(b"late")
+            short.send_binary(b"late")
         self.over.set()
 
 
@@ -47,7 +47,7 @@ def posting():
     app = Posting()
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
-        config = uvicorn.Config(app, ws=Sockets, ws_per_message_deflate=False, lifespan="off", log_level="error")
+        config = uvicorn.Config(app, ws=StreamProtocol, ws_per_message_deflate=False, lifespan="off", log_level="error")
         server = uvicorn.Server(config)
         thread = threading.Thread(target=lambda: server.run(sockets=[listener]))
         thread.start()
@@ -68,13 +68,13 @@ async def test_messages_of_every_length_arrive_whole_and_in_order(posting):
 
 
 async def test_adverbs_that_follow_an_open_are_those_of_the_character_it_opened(server):
-    async with talk(server) as client:
-        await client.say("open", channel=2, verb="reach", adverbs=REACH, fps=1)
-        await client.aim(2, -0.2, 1.1, 0.4)
-        await client.say("close", channel=2)
-        await client.say("open", channel=2, verb="arm3", fps=1)
-        await client.aim(2, 0.5, 0.1)
-        await client.say("ping", t=1)
+    async with open_stream(server) as client:
+        await client.send("open", channel=2, verb="reach", adverbs=REACH, fps=1)
+        await client.set_adverbs(2, -0.2, 1.1, 0.4)
+        await client.send("close", channel=2)
+        await client.send("open", channel=2, verb="arm3", fps=1)
+        await client.set_adverbs(2, 0.5, 0.1)
+        await client.send("ping", t=1)
         await client.until("pong")
         assert [text["op"] for text in client.texts if text["op"] == "error"] == []
         channel = server.hub.sessions[client.hello["session"]].channels[2]
@@ -82,21 +82,21 @@ async def test_adverbs_that_follow_an_open_are_those_of_the_character_it_opened(
 
 
 async def test_a_flood_of_adverbs_is_heard_to_its_end(server):
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         await client.open(0, "arm3", fps=1)
         channel = server.hub.sessions[client.hello["session"]].channels[0]
-        for k in range(20 * TURN):
-            await client.aim(0, 0.3 + 0.0001 * k, 0.2)
-        last = pytest.approx([0.3 + 0.0001 * (20 * TURN - 1), 0.2])
+        for k in range(20 * MAX_DIRECT):
+            await client.set_adverbs(0, 0.3 + 0.0001 * k, 0.2)
+        last = pytest.approx([0.3 + 0.0001 * (20 * MAX_DIRECT - 1), 0.2])
         await eventually(lambda: channel.group.characters.goals[channel.slot].tolist() == last)
 
 
 async def test_wrong_binary_messages_are_told_in_order(server):
-    async with talk(server) as client:
-        await client.aim(7, 1.0)
+    async with open_stream(server) as client:
+        await client.set_adverbs(7, 1.0)
         await client.socket.send(b"\x10")
         await client.socket.send(b"")
-        await client.say("ping", t=1)
+        await client.send("ping", t=1)
         await client.until("pong")
         codes = [text["code"] for text in client.texts if text["op"] == "error"]
         assert codes == ["unknown_channel", "bad_message", "bad_message"]
@@ -104,11 +104,11 @@ async def test_wrong_binary_messages_are_told_in_order(server):
 
 @pytest.mark.parametrize("pieces", [b"\xff", [b'{"op": "ping", "t"', b": 1\xc3", b"}"]], ids=["whole", "in pieces"])
 async def test_text_that_is_not_utf8_ends_its_connection_and_no_other(server, pieces, caplog):
-    async with talk(server) as other, talk(server) as client:
+    async with open_stream(server) as other, open_stream(server) as client:
         await client.socket.send(pieces, text=True)
         with pytest.raises(ConnectionClosed) as closed:
             await client.until("never")
         assert closed.value.rcvd.code == 1007
-        await other.say("ping", t=1)
+        await other.send("ping", t=1)
         await other.until("pong")
     assert not [record for record in caplog.records if record.exc_info]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from service.catalog.catalog import Catalog, Entry
-from service.stream.ticker import PART_ROWS
-from tests.service.stream.conftest import talk
+from service.stream.ticker import MOVING_ROWS
+from tests.service.stream.conftest import open_stream
 from verbs.verb import Basis
 
 pytestmark = pytest.mark.anyio
@@ -32,7 +32,7 @@ def other_basis(verb) -> dict[str, Basis]:
 
 async def test_a_new_version_appears_between_two_frames(serve, catalog):
     with serve() as server:
-        async with talk(server) as client:
+        async with open_stream(server) as client:
             opened = await client.open(1, "reach", adverbs=REACH)
             await client.open(2, "arm3")
             await client.poses(10)
@@ -58,7 +58,7 @@ async def test_a_new_version_appears_between_two_frames(serve, catalog):
 
 async def test_a_version_that_cannot_go_on_is_told_and_the_old_one_stays(serve, catalog):
     with serve() as server:
-        async with talk(server) as client:
+        async with open_stream(server) as client:
             await client.open(1, "arm3")
             await client.poses(2)
             verb = catalog.entries["board"].verb
@@ -68,15 +68,15 @@ async def test_a_version_that_cannot_go_on_is_told_and_the_old_one_stays(serve, 
             error = await client.until("error")
             frames = await client.poses(5)
     assert error["channel"] == 1
-    assert "version 2 of verb 'arm3' cannot go on here" in error["detail"]
+    assert "version 2 of 'arm3' cannot continue this channel" in error["detail"]
     assert {frame.of(1).version for frame in frames} == {1}
 
 
 async def test_a_crowd_is_told_of_a_new_version_once_however_many_are_stepped_at_a_time(serve, catalog):
     """Who stands still is stepped in large parts, who moves in pieces of them; both write the same heads."""
-    count = PART_ROWS + 12
+    count = MOVING_ROWS + 12
     with serve() as server:
-        async with talk(server, max_size=None) as client:
+        async with open_stream(server, max_size=None) as client:
             for number in range(count):
                 await client.open(number, "arm3", fps=30)
             await client.poses(4)
@@ -88,7 +88,7 @@ async def test_a_crowd_is_told_of_a_new_version_once_however_many_are_stepped_at
             await client.poses(8)
             for adverbs in ((0.5, 0.1), (0.3, 0.2)):
                 for number in range(count):
-                    await client.aim(number, *adverbs)
+                    await client.set_adverbs(number, *adverbs)
                 await client.poses(10)
     for number in range(count):
         records = [found for frame in client.frames if (found := frame.of(number))]

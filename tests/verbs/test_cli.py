@@ -8,9 +8,11 @@ from typer.testing import CliRunner
 
 import verbs
 from tests.verbs.sources import arm_source
-from verbs import cli, library
+from verbs import library
 from verbs.blend.methods import METHODS
-from verbs.cli import app, open_verb, parse_at, run
+from verbs.cli import app, run
+from verbs.cli.options import METHODS as HELP_METHODS
+from verbs.cli.options import open_verb, parse_at
 from verbs.errors import OutOfRange, UnknownName
 from verbs.io import bvh
 
@@ -112,7 +114,7 @@ def test_help_needs_nothing_that_takes_seconds():
 
 
 def test_help_names_every_method():
-    assert cli.METHODS.split(", ") == list(METHODS)
+    assert HELP_METHODS.split(", ") == list(METHODS)
 
 
 def test_the_librarys_names_are_those_that_it_gives():

@@ -1,0 +1,100 @@
+"""Commands ``build`` and ``info``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from verbs.cli.options import Json, VerbArgument, open_verb
+from verbs.cli.output import err, out, plain, print_json, progress
+
+if TYPE_CHECKING:
+    from verbs.authoring.fit import Built
+
+__all__ = ["build_command", "info_command"]
+
+
+def build_command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with verb.toml and its motion files.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="File to write; NAME.verb by default.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Build a verb from its source folder.
+
+    Example: [bold]adverb build mocap/reach -o reach.verb[/]
+    """
+    from verbs.authoring.fit import build
+    from verbs.io import artifact
+
+    with progress() as say:
+        built = build(folder, progress=say)
+    path = output or Path(f"{built.verb.name}.verb")
+    artifact.save(built.verb, path)
+    for warning in built.warnings:
+        err.print(f"[yellow]warning:[/] {plain(warning)}", soft_wrap=True)
+    if as_json:
+        verb = built.verb
+        print_json({"file": str(path), "name": verb.name, "examples": len(verb.examples), **verb.quality,
+                     "warnings": list(built.warnings)})  # fmt: skip
+        return
+    out.print(_build_table(built, path))
+
+
+def _build_table(built: Built, path: Path) -> Table:
+    verb, quality = built.verb, built.verb.quality
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    unit = verb.measure.unit
+    table.add_row("verb", f"{verb.name} → {path} ({path.stat().st_size / 1e6:.1f} MB)")
+    table.add_row("examples", f"{len(verb.examples)}, {verb.intervals + 1} canonical keys, {len(verb.skeleton)} joints")
+    for adverb in verb.adverbs:
+        style = ", style" if adverb.style else ""
+        table.add_row(f"  {adverb.name}", f"{adverb.minimum:.3f} to {adverb.maximum:.3f} {adverb.unit}{style}")
+    table.add_row("domain", quality["domain"])
+    table.add_row("condition", f"{quality['condition']:.3g} (radial system)")
+    table.add_row("curves", f"within {quality['curve_error_max_m'] * 1000:.2f} mm of every joint at every source frame")
+    table.add_row("chart", quality["chart_reason"])
+    if "methods" in quality:
+        table.add_row("worst stored", plain(built.worst_stored))
+        table.add_row("at examples", f"error ≤ {quality['error_examples_max_m']:.1e} {unit}")
+        for name, found in quality["methods"].items():
+            table.add_row(
+                f"inside, {name}",
+                f"error {found['error_mean_m']:.3g} {unit} mean, {found['error_max_m']:.3g} {unit} max, "
+                f"Σ|w| ≤ {found['weight_sum_max']:.2f} over {quality['samples']} random points",
+            )
+    return table
+
+
+def info_command(verb: VerbArgument, as_json: Json = False) -> None:
+    """Say what a verb is: adverbs, examples, domain, measured quality.
+
+    Example: [bold]adverb info reach --json[/]
+    """
+    from verbs.blend.methods import default_method
+    from verbs.runtime import describe
+
+    loaded = open_verb(verb)
+    if as_json:
+        print_json(describe.describe(loaded))
+        return
+    table = Table(
+        title=f"{loaded.name}: {loaded.description}" if loaded.description else loaded.name,
+        title_justify="left",
+    )
+    for column in ("adverb", "from", "to", "unit", "meaning"):
+        table.add_column(column, overflow="fold", justify="right" if column in ("from", "to") else "left")
+    for adverb in loaded.adverbs:
+        meaning = adverb.description + (" (style)" if adverb.style else "")
+        table.add_row(adverb.name, f"{adverb.minimum:.3f}", f"{adverb.maximum:.3f}", adverb.unit, meaning)
+    out.print(table)
+    low, high = loaded.keytimes[:, -1].min(), loaded.keytimes[:, -1].max()
+    out.print(
+        f"{len(loaded.examples)} examples of {low:.2f} to {high:.2f} s, {len(loaded.skeleton)} joints, "
+        f"keytimes {', '.join(loaded.keytime_names)}{', looping' if loaded.looping else ''}; "
+        f"default method {default_method(loaded)}"
+    )

@@ -1,0 +1,93 @@
+"""Command ``measure``."""
+
+from __future__ import annotations
+
+from math import isnan
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from verbs.cli.options import METHODS, Json, VerbArgument, open_verb
+from verbs.cli.output import out, print_json, progress
+
+if TYPE_CHECKING:
+    from verbs.quality.report import Figures
+    from verbs.verb import Verb
+
+__all__ = ["measure_command"]
+
+
+def measure_command(
+    verb: VerbArgument,
+    method: Annotated[str, typer.Option("--method", help=f"all, or one of {METHODS}.")] = "all",
+    grid: Annotated[int, typer.Option(min=5, max=401, help="Nodes to a side of the smoothness slices.")] = 61,
+    feet: Annotated[bool, typer.Option("--feet", help="Also measure how far feet slide while they stand.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure parametric error, smoothness and time of one method, or of all.
+
+    Example: [bold]adverb measure reach --method rbf --json[/]
+    """
+    from verbs.blend.methods import usable
+    from verbs.quality.report import measure, recommend
+
+    loaded = open_verb(verb)
+    chosen = list(usable(loaded)) if method == "all" else [method]
+    with progress() as say:
+        rows: list[Figures] = []
+        for k, name in enumerate(chosen):
+            say("measuring", k, len(chosen))
+            rows.append(measure(loaded, name, nodes=grid, slide=feet))
+        say("measuring", len(chosen), len(chosen))
+    if as_json:
+        found: dict[str, Any] = {"verb": loaded.name, "methods": {row.method: row.as_dict() for row in rows}}
+        if len(rows) > 1:
+            found["recommendation"] = recommend(rows)
+        print_json(found)
+        return
+    out.print(_measure_table(loaded, rows))
+    if feet:
+        out.print(_slide_table(loaded, rows))
+    if len(rows) > 1:
+        out.print(recommend(rows))
+
+
+def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
+    unit = verb.measure.unit
+    heads = (
+        "method",
+        f"error mean, {unit}",
+        "max",
+        "mean, %",
+        "max, %",
+        "κ mean",
+        "κ max",
+        "zoom",
+        "Σ|w| max",
+        "µs",
+    )
+    table = Table(*heads, title=f"{verb.name}, {rows[0].domain}", caption=rows[0].grid, title_justify="left")
+    for row in rows:
+        table.add_row(
+            row.method,
+            f"{row.error_mean_m:.4g}",
+            f"{row.error_max_m:.4g}",
+            f"{row.error_mean_pct:.3g}",
+            f"{row.error_max_pct:.3g}",
+            f"{row.smoothness:.3g}",
+            f"{row.smoothness_max:.3g}",
+            f"{row.zoom_ratio:.2f}",
+            f"{row.weight_sum_max:.2f}",
+            f"{row.query_us:.2f}",
+        )
+    return table
+
+
+def _slide_table(verb: Verb, rows: list[Figures]) -> Table:
+    """Millimetres; – where the skeleton has no toes."""
+    table = Table("method", "median", "p90", "max", title=f"{verb.name}, foot slide, mm", title_justify="left")
+    for row in rows:
+        numbers = (row.slide_median_m, row.slide_p90_m, row.slide_max_m)
+        table.add_row(row.method, *("–" if isnan(value) else f"{1000 * value:.1f}" for value in numbers))
+    return table

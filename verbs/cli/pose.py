@@ -1,0 +1,76 @@
+"""Commands ``pose`` and ``export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from verbs.cli.options import At, Json, MethodOption, VerbArgument, open_verb, parse_at
+from verbs.cli.output import err, out, print_json
+from verbs.errors import RequestError, UnknownName
+
+__all__ = ["export_command", "pose_command"]
+
+
+def pose_command(
+    verb: VerbArgument,
+    at: At,
+    phase: Annotated[float | None, typer.Option(help="Canonical time, 0 to 1.")] = None,
+    time: Annotated[float | None, typer.Option(help="Seconds from the start.")] = None,
+    method: MethodOption = None,
+    as_json: Json = False,
+) -> None:
+    """Ask a verb for one pose.
+
+    Example: [bold]adverb pose reach --at x=-0.3,y=1.2,z=0.4 --phase 0.5[/]
+    """
+    from verbs.runtime import describe
+    from verbs.runtime.evaluate import Evaluator
+
+    evaluator = Evaluator(open_verb(verb))
+    poses = evaluator.pose(parse_at(at), phase=phase, time_s=time, method=method)
+    record = describe.pose_record(evaluator, poses, 0)
+    if as_json:
+        print_json(record)
+        return
+    table = Table("joint", "x", "y", "z", "w", title="local rotations", title_justify="left")
+    for name, rotation in zip(evaluator.verb.skeleton.names, poses.rotations[0], strict=True):
+        table.add_row(name, *(f"{value:+.4f}" for value in rotation))
+    out.print(table)
+    unit = evaluator.verb.measure.unit
+    error = "none (style only)" if record["error"] is None else f"{record['error']:.4g} {unit}"
+    reached = ", ".join(f"{name} {value:.4f}" for name, value in record["measured"].items())
+    out.print(
+        f"phase {record['phase']:.4f}, {record['time']:.3f} of {record['duration']:.3f} s, method {record['method']}"
+    )
+    out.print(f"reached {reached or 'nothing measurable'}; error {error}{'; clamped' if record['clamped'] else ''}")
+
+
+def export_command(
+    verb: VerbArgument,
+    at: At,
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")],
+    form: Annotated[str, typer.Option("--format", help="bvh.")] = "bvh",
+    fps: Annotated[float, typer.Option(min=1, max=240, help="Frames per second.")] = 30.0,
+    cycles: Annotated[int, typer.Option(min=1, max=100, help="Cycles of a looping verb.")] = 1,
+    method: MethodOption = None,
+) -> None:
+    """Write a whole motion to a file.
+
+    Example: [bold]adverb export reach --at x=-0.3,y=1.2,z=0.4 --format bvh -o reach.bvh[/]
+    """
+    from verbs.io import bvh
+    from verbs.runtime import sequence
+    from verbs.runtime.evaluate import Evaluator
+
+    if form != "bvh":
+        raise UnknownName("format", form, ("bvh",))
+    if output.is_dir():
+        raise RequestError(f"{output} is a folder; name a file to write")
+    evaluator = Evaluator(open_verb(verb))
+    poses = sequence.sequence(evaluator, evaluator.adverbs(parse_at(at)), fps, cycles=cycles, method=method)
+    bvh.write(sequence.to_motion(evaluator, poses, fps), output)
+    err.print(f"{output}: {len(poses.root)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s")

@@ -63,7 +63,8 @@ class Chart:
     axes : (3,) int64
         Adverbs that bend.
     bend : (4,) float64
-        The cylinder's axis x, z (m), cut (rad) and unrolling radius (m).
+        The cylinder's axis x, z, cut (rad) and unrolling radius, lengths in the unit of the adverbs; or first the
+        radians per unit of a planar direction, where 0 stands for 1.
     shift, scale : (D,) float64
         Normalised coordinates are (bent adverbs - shift) · scale.
     arrays : ChartArrays
@@ -194,7 +195,8 @@ class Measure:
         Adverbs that are measured, in the order of the measure.
     origin : (3,) float64
     frame : (3, m) float64
-        A position goal is origin + frame · measured adverbs, metres. Not used by other kinds.
+        A position goal is origin + frame · measured adverbs, metres; for other kinds the diagonal holds SI per unit of
+        each measured adverb.
     """
 
     kind: int

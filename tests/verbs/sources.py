@@ -46,6 +46,30 @@ def write_source(folder: Path, motions: dict[str, Motion], rows: list[str], head
     return folder
 
 
+def jump_source(folder: Path) -> Path:
+    """Jumps of the arm's root: distance in centimetres, direction in degrees, height in metres."""
+    motions, rows, frames = {}, [], 31
+    share = np.linspace(0.0, 1.0, frames)
+    flight = 4.0 * share * (1.0 - share)
+    for k, (distance, direction, height) in enumerate(
+        [(30, 0, 0.2), (80, 0, 0.25), (60, 50, 0.2), (60, -50, 0.3), (55, 10, 0.5), (90, 25, 0.4)]
+    ):
+        turn = np.radians(direction)
+        ahead = 0.01 * distance * share * share * (3.0 - 2.0 * share)
+        root = np.stack([ahead * np.sin(turn), 1.0 + height * flight, ahead * np.cos(turn)], axis=-1)
+        vectors = np.zeros((frames, 3, 3))
+        vectors[:, 1, 2] = (0.2 + height) * flight
+        motions[f"jump{k}"] = Motion(SKELETON, 30.0, root, quat.exp(vectors))
+        rows.append(example_row(f"jump{k}", [0.0, 1.0], [distance, direction, height]))
+    adverbs = "".join(
+        f'[[adverb]]\nname = "{name}"\nunit = "{unit}"\n'
+        for name, unit in (("distance", "cm"), ("direction", "deg"), ("height", "m"))
+    )
+    return write_source(
+        folder, motions, rows, f'name = "jump"\nmeasure = "jump"\nkeytime_names = ["start", "end"]\n{adverbs}'
+    )
+
+
 def example_row(name: str, keytimes, values) -> str:
     """One ``[[example]]`` table."""
     return f'[[example]]\nfile = "{name}.bvh"\nkeytimes = {list(keytimes)}\nadverb_values = {list(values)}\n'

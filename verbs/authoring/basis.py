@@ -13,6 +13,7 @@ from verbs.conventions import F64, I64
 from verbs.errors import IllPosedVerb
 from verbs.kernels import chart as charts
 from verbs.kernels import radial_basis
+from verbs.units import dimension, si
 from verbs.verb import Basis, Chart, Domain
 
 __all__ = ["cardinal", "chart_of", "domain_of"]
@@ -34,20 +35,23 @@ def chart_of(
     axes: I64 | None = None,
     bend: F64 | None = None,
 ) -> Chart:
-    """Chart of examples with adverbs ``values`` (N, D), scaled so that mixed units compare.
+    """Chart of examples with adverbs ``values`` (N, D), scaled so that adverbs of different dimensions compare.
 
-    Adverbs of one unit share the scale of the largest range; where units differ each has its own. An adverb that
-    does not vary gets the scale 1: whatever it is asked for then lies off the examples, not at infinity.
+    Adverbs of one dimension share the scale of the largest range; where dimensions differ each has its own. An adverb
+    that does not vary gets the scale 1: any other value of it then lies off the examples, not at infinity.
     """
     dims = values.shape[1]
     where = _FREE_AXES if axes is None else np.asarray(axes, np.int64)
     turn = np.zeros(4) if bend is None else bend
     plain = Chart(kind, where, turn, np.zeros(dims), np.ones(dims))
     bent = plain.points(values)
+    if kind == charts.PLANAR:  # a direction becomes a coordinate like the distance
+        units = tuple(units[where[0]] if k == where[1] else unit for k, unit in enumerate(units))
     low, high = bent.min(axis=0), bent.max(axis=0)
     span = high - low
-    if len(set(units)) == 1:
-        span = np.full(dims, span.max())
+    if len({dimension(unit) for unit in units}) == 1:
+        factors = np.array([si(unit) for unit in units])
+        span = (factors * span).max() / factors
     return Chart(kind, where, turn, 0.5 * (low + high), 1.0 / np.where(span > 0, span, 1.0))
 
 

@@ -13,6 +13,7 @@ from verbs.conventions import F64
 from verbs.errors import SourceError
 from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
+from verbs.units import si
 from verbs.verb import Chart, Measure
 
 __all__ = ["choose", "plain"]
@@ -28,8 +29,9 @@ def plain(source: Source, measure: Measure, values: F64) -> Chart:
     """Chart of the paper's basis: the adverbs as they are, a jump's direction on its circle."""
     units = tuple(adverb.unit for adverb in source.adverbs)
     if measure.kind == measures.JUMP:
-        style = tuple(unit for k, unit in enumerate(units) if k not in measure.axes)
-        return basis.chart_of(values, ("m", *style), kind=charts.PLANAR, axes=measure.axes)
+        turn = measure.frame[1, 1]
+        bend = np.array([0.0 if turn == 1.0 else turn, 0.0, 0.0, 0.0])
+        return basis.chart_of(values, units, kind=charts.PLANAR, axes=measure.axes, bend=bend)
     return basis.chart_of(values, units)
 
 
@@ -48,17 +50,18 @@ def choose(source: Source, measure: Measure, values: F64, *, start: F64) -> tupl
     Raises
     ------
     SourceError
-        If a cylinder is asked for and cannot be had.
+        If the source wants a cylinder that cannot be had, or the adverbs that bend have different units.
     """
     if measure.kind == measures.JUMP:
         return plain(source, measure, values), "planar: a direction lives on its circle"
-    full = measure.kind == measures.POSITION and measure.axes.shape == (3,) and np.array_equal(measure.frame, np.eye(3))
+    full = measure.kind == measures.POSITION and measure.axes.shape == (3,) and not source.goal
     if not full or source.chart == "identity":
         if source.chart == "cylinder":
             raise SourceError(source.path, "chart 'cylinder' needs a joint position with three measured adverbs")
-        asked = "asked for" if source.chart else "the adverbs are no position in space"
-        return plain(source, measure, values), f"identity: {asked}"
-    x, z = values[:, measure.axes[0]] - start[0], values[:, measure.axes[2]] - start[2]
+        why = "set in the source" if source.chart else "the adverbs are no position in space"
+        return plain(source, measure, values), f"identity: {why}"
+    units = [source.adverbs[axis].unit for axis in measure.axes]
+    x, z = (values[:, measure.axes[a]] * si(units[a]) - start[a] for a in (0, 2))
     angles = np.sort(np.arctan2(x, z) % (2 * np.pi))
     gaps = np.diff(np.concatenate([angles, angles[:1] + 2 * np.pi]))
     widest = int(np.argmax(gaps))
@@ -69,8 +72,12 @@ def choose(source: Source, measure: Measure, values: F64, *, start: F64) -> tupl
     if gap < np.radians(5.0):
         raise SourceError(source.path, f"chart 'cylinder' cannot be cut: {words}")
     cut = (angles[widest] + 0.5 * gap) % (2 * np.pi)
-    bend = np.array([start[0], start[2], cut, float(np.hypot(x, z).mean())])
-    units = tuple(adverb.unit for adverb in source.adverbs)
-    chart = basis.chart_of(values, units, kind=charts.CYLINDER, axes=measure.axes, bend=bend)
-    why = "asked for" if source.chart else "a straight hull would hold the body, which no example supports"
+    if units[0] != units[2]:
+        names = " and ".join(f"'{source.adverbs[measure.axes[a]].name}' ({units[a]})" for a in (0, 2))
+        raise SourceError(source.path, f"{names} lie on a cylinder about the start: give them one unit")
+    factor = si(units[0])
+    bend = np.array([start[0] / factor, start[2] / factor, cut, float(np.hypot(x, z).mean()) / factor])
+    every = tuple(adverb.unit for adverb in source.adverbs)
+    chart = basis.chart_of(values, every, kind=charts.CYLINDER, axes=measure.axes, bend=bend)
+    why = "set in the source" if source.chart else "a straight hull would hold the body, which no example supports"
     return chart, f"cylinder: {words}; {why}"

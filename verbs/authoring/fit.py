@@ -15,17 +15,19 @@ from typing import Any
 import numpy as np
 
 from verbs.authoring import apex, basis, charts, curves
+from verbs.authoring.measuring import measure_of
 from verbs.authoring.source import Source, SourceExample, read
 from verbs.blend.methods import default_method
-from verbs.conventions import F64, I64
+from verbs.conventions import F64
 from verbs.domain import describe, random_points
-from verbs.errors import IllPosedVerb, MotionFileError, SkeletonMismatch, SourceError, UnknownName
+from verbs.errors import IllPosedVerb, MotionFileError, SkeletonMismatch, SourceError
 from verbs.goal import Goal, diagonal
 from verbs.io import bvh
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
 from verbs.motion import Motion
 from verbs.runtime.evaluate import Evaluator
+from verbs.units import quantity
 from verbs.verb import Adverb, Chart, Measure, Verb
 
 __all__ = ["Built", "build"]
@@ -34,7 +36,7 @@ KEYTIME_SLACK_S = 1e-3
 """A last keytime may lie this far past the end of its file: files round both numbers."""
 
 ADVERB_TOLERANCE = 0.005
-"""A stored adverb that differs from the measured one by more (m, or m/s) is reported."""
+"""Stored adverbs whose goal is farther than this (m, or m/s) from the measured point are reported."""
 
 QUALITY_POINTS = 1_000
 
@@ -170,51 +172,6 @@ def _checked_keytimes(source: Source, example: SourceExample, motion: Motion) ->
     return np.asarray(marks, np.float64)
 
 
-def _measure_of(source: Source, motion: Motion) -> Measure:
-    """The measure that verb.toml asks for, its names resolved."""
-    axes = np.array([k for k, adverb in enumerate(source.adverbs) if not adverb.style], np.int64)
-    kind = measures.MEASURES[source.measure]
-    try:
-        effector = motion.skeleton.index(source.effector) if source.effector else 0
-    except UnknownName as err:
-        raise SourceError(source.path, f"effector: {err}") from err
-    if kind == measures.NOTHING:
-        return Measure(kind, effector, -1, axes[:0], np.zeros(3), np.zeros((3, 0)))
-    names = [source.adverbs[a].name for a in axes]
-    frame = np.eye(3)
-    if kind == measures.POSITION:
-        if source.effector_keytime < 0 or source.effector is None:
-            raise SourceError(source.path, "measure 'joint_position' needs effector and effector_keytime_index")
-        if source.goal:
-            return _sheet(source, effector, axes)
-        if len(axes) != 3:
-            if not names or not set(names) <= {"x", "y", "z"}:
-                raise SourceError(
-                    source.path, "measure 'joint_position' needs three measured adverbs, or fewer called x, y or z"
-                )
-            frame = np.array([[1.0 if name == axis else 0.0 for name in names] for axis in "xyz"])
-    elif len(axes) != 3:
-        raise SourceError(source.path, f"measure '{source.measure}' needs exactly three adverbs that are no style")
-    if kind == measures.VELOCITY and not source.looping:
-        raise SourceError(source.path, "measure 'root_velocity' needs looping = true")
-    if kind != measures.VELOCITY and source.looping:
-        raise SourceError(source.path, f"measure '{source.measure}' needs looping = false")
-    keytime = -1
-    if kind == measures.POSITION:
-        keytime = source.effector_keytime
-    elif kind == measures.JUMP:
-        keytime = source.keytime_names.index(apex.NAME)
-    return Measure(kind, effector, keytime, axes, np.zeros(3), frame)
-
-
-def _sheet(source: Source, effector: int, axes: I64) -> Measure:
-    """A joint position whose adverbs are coordinates on a sheet (or line) in space."""
-    frame = np.array(source.goal[1:]).T
-    if np.linalg.matrix_rank(frame) < len(axes):
-        raise SourceError(source.path, "the axes of [goal] must be independent of each other")
-    return Measure(measures.POSITION, effector, source.effector_keytime, axes, np.array(source.goal[0]), frame)
-
-
 def _draft(
     source: Source,
     motion: Motion,
@@ -226,7 +183,7 @@ def _draft(
     mode: int,
 ) -> Verb:
     """The verb with the adverbs that its source states, before they are measured."""
-    measure = _measure_of(source, motion)
+    measure = measure_of(source, motion)
     adverbs = tuple(Adverb(a.name, a.unit, a.description, a.style, 0.0, 0.0) for a in source.adverbs)
     examples = tuple(example.name for example in source.examples)
     chart = charts.plain(source, measure, stored)
@@ -292,7 +249,7 @@ def _ranges(adverbs: tuple[Adverb, ...], measure: Measure, values: F64) -> tuple
     counted = values.copy()
     if measure.kind == measures.JUMP:
         distance, direction, _ = measure.axes
-        counted[values[:, distance] < IN_PLACE_M, direction] = np.nan
+        counted[measure.frame[0, 0] * values[:, distance] < IN_PLACE_M, direction] = np.nan
     counted = np.where(np.isnan(counted).all(axis=0), 0.0, counted)
     lows, highs = np.nanmin(counted, axis=0), np.nanmax(counted, axis=0)
     return tuple(
@@ -310,15 +267,21 @@ def _measured_values(draft: Verb, stored: F64) -> tuple[F64, list[str], str]:
     values = stored.copy()
     values[:, draft.measure.axes], gaps = goal.compare(stored, reached)
     lines = []
-    for name, said, found, gap in zip(draft.examples, stored, values, gaps, strict=True):
-        pairs = [f"{draft.adverbs[a].name} {said[a]:.4f} (measured {found[a]:.4f})" for a in draft.measure.axes]
-        lines.append(f"'{name}': {', '.join(pairs)}; {gap * 1000:.1f} m{draft.measure.unit} apart")
+    for name, given, found, gap in zip(draft.examples, stored, values, gaps, strict=True):
+        pairs = (_stored_and_measured(draft.adverbs[a], given[a], found[a]) for a in draft.measure.axes)
+        lines.append(f"'{name}': {', '.join(pairs)}; {quantity(gap, draft.measure.unit)} apart")
     warnings = [
         f"stored adverbs differ from the measured ones, which are used, in example {line}"
         for line, gap in zip(lines, gaps, strict=True)
         if gap > ADVERB_TOLERANCE
     ]
     return values, warnings, lines[int(np.argmax(gaps))]
+
+
+def _stored_and_measured(adverb: Adverb, given: float, found: float) -> str:
+    """Both values of an adverb, in its own unit."""
+    unit = "" if adverb.unit == "none" else adverb.unit
+    return f"{adverb.name} {given:.4f} {unit}".rstrip() + f" (measured {found:.4f} {unit}".rstrip() + ")"
 
 
 def _bases(source: Source, draft: Verb, values: F64) -> tuple[dict[str, Any], str]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from verbs import units
 from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYTIMES, METRES_PER_UNIT
 from verbs.errors import SourceError
 from verbs.kernels.chart import CHARTS
@@ -219,9 +220,14 @@ def _adverb(reader: _Reader, row: dict[str, Any], index: int) -> SourceAdverb:
         raise SourceError(
             reader.path, f"adverb {index} is called '{name}'; use letters, digits and '_', no digit first"
         )
+    unit = reader.text(row, "unit", default="")
+    if unit and unit not in units.KNOWN:
+        raise SourceError(
+            reader.path, f"adverb '{name}' has the unknown unit '{unit}'; known: {', '.join(units.KNOWN)}"
+        )
     return SourceAdverb(
         name,
-        reader.text(row, "unit", default=""),
+        unit,
         reader.text(row, "description", default=""),
         reader.flag(row, "style", default=False),
     )
@@ -263,12 +269,13 @@ def _check_examples(path: Path, examples: tuple[SourceExample, ...]) -> None:
 
 
 def _units(reader: _Reader, table: dict[str, Any]) -> str:
-    units = table.get("units", {})
-    if not isinstance(units, dict):
+    """Unit of length of the motion files; adverbs have units of their own."""
+    given = table.get("units", {})
+    if not isinstance(given, dict):
         raise SourceError(reader.path, "'units' must be written as a [units] table")
-    length = reader.choice(units, "length", tuple(METRES_PER_UNIT), default="m")
-    reader.choice(units, "time", ("s",), default="s")
-    reader.choice(units, "adverb_angle", ("rad",), default="rad")
+    length = reader.choice(given, "length", tuple(METRES_PER_UNIT), default="m")
+    reader.choice(given, "time", ("s",), default="s")
+    reader.choice(given, "adverb_angle", ("rad", "deg"), default="rad")
     for key, meant in (("up_axis", "+Y"), ("forward_axis", "+Z")):
         if table.get(key, meant) != meant:
             raise SourceError(reader.path, f"{key} is '{table[key]}'; convert the motions to {meant} first")

@@ -103,6 +103,7 @@ class Search:
         if self.goal.verb.measure.kind != measures.JUMP:
             return measured
         distance, direction, height = measured.T
+        direction = direction * self.goal.verb.measure.frame[1, 1]
         return np.stack([distance * np.sin(direction), distance * np.cos(direction), height], axis=1)
 
     def _adverbs(self, coordinates: F64) -> F64:
@@ -110,4 +111,4 @@ class Search:
         if self.goal.verb.measure.kind != measures.JUMP:
             return coordinates
         x, z, height = coordinates.T
-        return np.stack([np.hypot(x, z), np.arctan2(x, z), height], axis=1)
+        return np.stack([np.hypot(x, z), np.arctan2(x, z) / self.goal.verb.measure.frame[1, 1], height], axis=1)

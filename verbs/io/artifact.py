@@ -18,13 +18,15 @@ import numpy as np
 from safetensors.numpy import save as serialize
 
 from verbs.errors import ArtifactCorrupt, ArtifactError, ArtifactVersionError, VerbError
+from verbs.kernels import measure as measures
 from verbs.skeleton import Skeleton
 from verbs.verb import Adverb, Basis, Chart, Domain, Measure, Verb
 
 __all__ = ["FORMAT", "load", "save"]
 
-FORMAT = 1
-"""Version of the layout. A reader refuses newer ones; older ones stay readable."""
+FORMAT = 2
+"""Newest version of the layout. A reader refuses newer ones; older ones stay readable. A file states the least version
+that reads it right: 2 where a jump or speeds have adverbs in other units than SI, otherwise 1."""
 
 MAX_HEADER_BYTES = 16 * 1024 * 1024
 MAX_BYTES = 4 * 1024 * 1024 * 1024
@@ -87,7 +89,7 @@ def _facts(verb: Verb) -> dict[str, Any]:
     """Everything that is no array, as JSON values."""
     skeleton, measure = verb.skeleton, verb.measure
     return {
-        "format": FORMAT,
+        "format": _format(verb),
         "name": verb.name,
         "description": verb.description,
         "looping": verb.looping,
@@ -114,6 +116,13 @@ def _facts(verb: Verb) -> dict[str, Any]:
         "quality": verb.quality,
         "provenance": verb.provenance,
     }
+
+
+def _format(verb: Verb) -> int:
+    """Least version of the layout that a verb needs: readers of 1 take a jump's and a walk's adverbs to be in SI."""
+    measure = verb.measure
+    direct = measure.kind in (measures.JUMP, measures.VELOCITY)
+    return 2 if direct and not np.array_equal(measure.frame, np.eye(3)) else 1
 
 
 def _arrays(verb: Verb) -> Arrays:

@@ -58,7 +58,8 @@ class ChartArrays(NamedTuple):
     axes : (3,) int64
         Adverbs that bend.
     bend : (4,) float64
-        The cylinder's axis x and z (m), the angle of its cut (rad) and its unrolling radius R (m).
+        The cylinder's axis x and z, the angle of its cut (rad) and its unrolling radius R, lengths in the unit of the
+        adverbs. Of a planar chart the first is the radians per unit of its direction; 0 stands for 1.
     shift, scale : (D,) float64
         Normalised coordinates are (chart coordinates - shift) · scale.
     """
@@ -90,7 +91,7 @@ def to_point(chart: ChartArrays, adverbs: F64, out: F64) -> None:
         out[axes[0]] = bend[3] * ((np.arctan2(x, z) - bend[2]) % (2.0 * np.pi))
         out[axes[2]] = np.sqrt(x * x + z * z)
     elif chart.kind == PLANAR:
-        distance, direction = adverbs[axes[0]], adverbs[axes[1]]
+        distance, direction = adverbs[axes[0]], adverbs[axes[1]] * (bend[0] if bend[0] != 0.0 else 1.0)
         out[axes[0]] = distance * np.sin(direction)
         out[axes[1]] = distance * np.cos(direction)
     for a in range(adverbs.shape[0]):
@@ -111,7 +112,7 @@ def from_point(chart: ChartArrays, point: F64, out: F64) -> None:
     elif chart.kind == PLANAR:
         x, z = point[axes[0]], point[axes[1]]
         out[axes[0]] = np.sqrt(x * x + z * z)
-        out[axes[1]] = np.arctan2(x, z) if x != 0.0 or z != 0.0 else 0.0
+        out[axes[1]] = np.arctan2(x, z) / (bend[0] if bend[0] != 0.0 else 1.0) if x != 0.0 or z != 0.0 else 0.0
 
 
 @kernel

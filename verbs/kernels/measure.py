@@ -89,7 +89,10 @@ def root_velocities(weights: F64, cycle: Cycle, out: F64) -> None:
 
 @kernel
 def goals(space: GoalSpace, adverbs: F64, out: F64) -> None:
-    """Goals (B, 3) of adverbs (B, D): the measured ones as a point of the measure's space."""
+    """Goals (B, 3), in SI, of adverbs (B, D), in their own units: a point of the measure's space.
+
+    A position is ``origin`` + ``frame`` · measured adverbs; for the others the diagonal of ``frame`` holds SI per unit.
+    """
     axes = space.axes
     for b in range(adverbs.shape[0]):
         row, goal = adverbs[b], out[b]
@@ -99,20 +102,22 @@ def goals(space: GoalSpace, adverbs: F64, out: F64) -> None:
                 for m in range(axes.shape[0]):
                     goal[a] += space.frame[a, m] * row[axes[m]]
         elif space.kind == JUMP:
-            distance, direction = row[axes[0]], row[axes[1]]
+            distance, direction = space.frame[0, 0] * row[axes[0]], space.frame[1, 1] * row[axes[1]]
             goal[0], goal[1], goal[2] = (
                 distance * np.sin(direction),
                 distance * np.cos(direction),
-                row[axes[2]],
+                space.frame[2, 2] * row[axes[2]],
             )
-        else:
+        elif space.kind == VELOCITY:
             for a in range(3):
-                goal[a] = row[axes[a]]
+                goal[a] = space.frame[a, a] * row[axes[a]]
+        else:
+            goal[:] = 0.0
 
 
 @kernel
 def compare(space: GoalSpace, adverbs: F64, points: F64, measured: F64, error: F64) -> None:
-    """Measured adverbs (B, m) of measured points (B, 3), and their distance (B,) from the goals of adverbs (B, D)."""
+    """Measured adverbs (B, m), in their units, of points (B, 3), and the points' distance (B,), in SI, from the goals."""
     goal = np.empty((1, 3))
     for b in range(adverbs.shape[0]):
         goals(space, adverbs[b : b + 1], goal)
@@ -126,9 +131,9 @@ def compare(space: GoalSpace, adverbs: F64, points: F64, measured: F64, error: F
                 for a in range(3):
                     measured[b, m] += space.inverse[m, a] * (points[b, a] - space.origin[a])
         elif space.kind == JUMP:
-            measured[b, 0] = np.sqrt(points[b, 0] ** 2 + points[b, 1] ** 2)
-            measured[b, 1] = np.arctan2(points[b, 0], points[b, 1])
-            measured[b, 2] = points[b, 2]
+            measured[b, 0] = space.inverse[0, 0] * np.sqrt(points[b, 0] ** 2 + points[b, 1] ** 2)
+            measured[b, 1] = space.inverse[1, 1] * np.arctan2(points[b, 0], points[b, 1])
+            measured[b, 2] = space.inverse[2, 2] * points[b, 2]
         else:
             for a in range(3):
-                measured[b, a] = points[b, a]
+                measured[b, a] = space.inverse[a, a] * points[b, a]

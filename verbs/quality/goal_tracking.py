@@ -65,7 +65,8 @@ def circles(
     kept: list[F64] = []
     for centre in random_points(verb, rng, 4_000):
         first, second = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
-        path = centre + radius_m * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
+        around = radius_m * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
+        path = centre + around @ evaluator.goal.inverse.T
         if inside(verb.domain, verb.domain.chart.points(path)).all():
             kept.append(path)
         if len(kept) == count:
@@ -81,7 +82,7 @@ def follow(evaluator: Evaluator, method: str, paths: F64) -> Follow:
         poses = evaluator.pose(np.ascontiguousarray(path), phase=np.full(len(path), phase), method=method)
         _, places = evaluator.positions(poses)
         joints = np.linalg.norm(np.diff(places, n=2, axis=0), axis=-1).max(axis=1) * RATE_HZ**2
-        own = np.linalg.norm(np.diff(path, n=2, axis=0), axis=-1).max() * RATE_HZ**2
+        own = np.linalg.norm(np.diff(evaluator.goal.points(path), n=2, axis=0), axis=-1).max() * RATE_HZ**2
         windows = np.lib.stride_tricks.sliding_window_view(joints, 2 * NEIGHBOURHOOD + 1)
         middle = joints[NEIGHBOURHOOD : len(joints) - NEIGHBOURHOOD]
         ratios.append(joints.max() / own)

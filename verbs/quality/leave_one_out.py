@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from verbs.authoring import basis as bases
-from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
 from verbs.kernels import quat
 from verbs.runtime.evaluate import Evaluator
@@ -53,8 +52,6 @@ def subset(verb: Verb, kept: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Verb
 def _rescaled(chart: Chart, verb: Verb, values: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> Chart:
     """The same bend over other examples, shifted and scaled to them."""
     units = tuple(adverb.unit for adverb in verb.adverbs)
-    if chart.kind == charts.PLANAR and len(units) == 3:
-        units = ("m",)
     return bases.chart_of(values, units, kind=chart.kind, axes=chart.axes, bend=chart.bend)
 
 

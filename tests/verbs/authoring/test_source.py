@@ -162,7 +162,7 @@ def test_a_stored_adverb_that_is_off_is_a_warning_with_both_numbers(source):
     x = hand(*ANGLES["a"])[0]
     edit(source, re.escape(repr(x)), repr(x + 0.02))
     built = build(source)
-    assert any(f"'a': x {x + 0.02:.4f} (measured {x:.4f})" in warning for warning in built.warnings)
+    assert any(f"'a': x {x + 0.02:.4f} m (measured {x:.4f} m)" in warning for warning in built.warnings)
     assert built.verb.values[0, 0] == pytest.approx(x, abs=1e-6)
 
 

@@ -12,6 +12,7 @@ from verbs.io import artifact
 from verbs.runtime.evaluate import Evaluator
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "arm.v1.verb"
+GOLDEN_2 = GOLDEN.with_name("jump.v2.verb")
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +75,21 @@ def test_the_golden_file_stays_loadable_and_means_the_same():
     np.testing.assert_allclose(poses.blend.error[0], expected["error"], atol=1e-9)
 
 
+def test_the_golden_file_of_format_2_means_the_same():
+    """A jump whose distance is in centimetres and whose direction is in degrees; never regenerated."""
+    verb = artifact.load(GOLDEN_2)
+    expected = json.loads(GOLDEN_2.with_suffix(".json").read_text())
+    assert facts_of(GOLDEN_2)["format"] == 2
+    assert [adverb.unit for adverb in verb.adverbs] == ["cm", "deg", "m"]
+    poses = Evaluator(verb).pose(expected["adverbs"], phase=0.5)
+    np.testing.assert_allclose(poses.rotations[0], expected["rotations"], atol=1e-9)
+    np.testing.assert_allclose(poses.root[0], expected["root"], atol=1e-9)
+    np.testing.assert_allclose(poses.blend.measured[0], list(expected["adverbs"].values()), atol=1e-6)
+
+
 def test_a_newer_format_says_upgrade(file, tmp_path):
-    newer = rewrite(file, tmp_path / "new.verb", lambda facts: facts.update(format=2))
-    with pytest.raises(ArtifactVersionError, match="has format 2; this Adverb reads up to 1"):
+    newer = rewrite(file, tmp_path / "new.verb", lambda facts: facts.update(format=3))
+    with pytest.raises(ArtifactVersionError, match="has format 3; this Adverb reads up to 2"):
         artifact.load(newer)
 
 

@@ -43,8 +43,8 @@ METHODS: dict[str, Row] = {
     "rbf": Row(Rbf.of_verb),
     "perdof": Row(PerDof.of_verb),
     "search": Row(Search.of_verb, measured=True),
-    "refined": Row(Refined.of_verb, basis="refined"),
-    "hybrid": Row(Hybrid.of_verb, basis="refined", measured=True),
+    "refined": Row(Refined.of_verb),
+    "hybrid": Row(Hybrid.of_verb, measured=True),
     "barycentric": Row(Barycentric.of_verb),
     "knn": Row(Knn.of_verb),
     "inverse": Row(Inverse.of_verb),
@@ -66,8 +66,7 @@ def usable(verb: Verb) -> tuple[str, ...]:
 def _missing(row: Row, verb: Verb) -> str | None:
     """What a verb lacks for a method, or None."""
     if row.basis not in verb.bases:
-        advice = "run 'adverb refine'" if row.basis == "refined" else "build it again with this version"
-        return f"a basis '{row.basis}', which verb '{verb.name}' does not have: {advice}"
+        return f"a basis '{row.basis}', which verb '{verb.name}' does not have: build it again with this version"
     if row.measured and verb.measure.kind == measures.NOTHING:
         return f"something to measure, and verb '{verb.name}' has style adverbs only"
     return None

@@ -1,5 +1,8 @@
 """Method ``refined``: the cardinal basis after refinement; and the hybrid of it and a line search.
 
+A verb without pseudo-examples has a refinement with none of them: its basis ``rbf``. A client may request either
+method before and after a refinement.
+
 Source: Rose, Sloan, Cohen 2001, sections 4.2 and 4.3.
 """
 
@@ -12,7 +15,6 @@ import numpy as np
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.search import Search
 from verbs.conventions import F64
-from verbs.errors import RequestError
 from verbs.goal import Goal
 from verbs.kernels import center_lists as kernels
 from verbs.kernels.radial_basis import COMPACT
@@ -40,8 +42,10 @@ class Refined:
 
     @classmethod
     def of_verb(cls, verb: Verb) -> Refined:
-        """Take the basis ``refined`` of a verb; :class:`RequestError` where it has none."""
-        return cls.of_basis(_refined(verb))
+        """Take the basis ``refined`` of a verb, or ``rbf`` where it has no pseudo-examples."""
+        if "refined" in verb.bases:
+            return cls.of_basis(verb.bases["refined"])
+        return cls(verb.bases["rbf"], None)  # no lists: the weights of the method ``rbf`` to the bit
 
     @classmethod
     def of_basis(cls, basis: Basis) -> Refined:
@@ -74,16 +78,10 @@ class Hybrid:
 
     @classmethod
     def of_verb(cls, verb: Verb, *, iterations: int = 1) -> Hybrid:
-        """Search on a verb's basis ``refined``; :class:`RequestError` where it has none."""
-        basis = _refined(verb)
-        return cls(Refined.of_basis(basis), Search(basis, Goal.of_verb(verb), iterations))
+        """Search on a verb's basis ``refined``, or on ``rbf`` where it has no pseudo-examples."""
+        refined = Refined.of_verb(verb)
+        return cls(refined, Search(refined.basis, Goal.of_verb(verb), iterations))
 
     def weights(self, adverbs: F64) -> F64:
         """Weights (B, N) at the places found for adverbs (B, D)."""
         return self.refined.weights(self.search.places(adverbs))
-
-
-def _refined(verb: Verb) -> Basis:
-    if "refined" not in verb.bases:
-        raise RequestError(f"'{verb.name}' is not refined; run `adverb refine` on it first")
-    return verb.bases["refined"]

@@ -33,7 +33,9 @@ def measure_command(
     from verbs.quality.report import measure, recommend
 
     loaded = open_verb(verb)
-    chosen = list(usable(loaded)) if method == "all" else [method]
+    chosen = [method]
+    if method == "all":  # without pseudo-examples, refined is rbf and hybrid is search
+        chosen = [name for name in usable(loaded) if "refined" in loaded.bases or name not in ("refined", "hybrid")]
     with progress() as say:
         rows: list[Figures] = []
         for k, name in enumerate(chosen):

@@ -30,7 +30,7 @@ Progress = Callable[[str, int, int], None]
 MOCAP = ("reach", "punch", "kick", "jump", "locomotion")
 """Verbs of seed 2, in its order."""
 
-SOLVED = ("rbf", "search", "refined", "hybrid", "corrected")
+SOLVED = {"rbf": "rbf", "search": "rbf", "refined": "refined", "hybrid": "refined", "corrected": "smooth"}
 """Methods that ask a basis which was solved before they are made; others solve for themselves, or need none."""
 
 NODES, QUICK_NODES = 61, 13
@@ -96,9 +96,7 @@ def study(verb: Verb, *, quick: bool, progress: Progress) -> Study:
     for k, name in enumerate(names):
         progress(f"measuring {held.name}", k, len(names))
         row = measure(held, name, nodes=nodes, points=points)
-        rows[name] = replace(
-            row, precompute_s=row.precompute_s + (prepared[METHODS[name].basis] if name in SOLVED else 0)
-        )
+        rows[name] = replace(row, precompute_s=row.precompute_s + (prepared[SOLVED[name]] if name in SOLVED else 0))
     progress(f"measuring {held.name}", len(names), len(names))
     section, evaluator = _section(held, nodes), Evaluator(held)
     maps = {name: _maps(evaluator, section, name) for name in SHOWN if name in rows}

@@ -8,11 +8,13 @@ import pytest
 
 from verbs import library
 from verbs.blend.cardinal import basis_weights
+from verbs.blend.methods import usable
 from verbs.blend.refined import CROSSOVER, Hybrid, Refined
 from verbs.blend.search import Search
 from verbs.domain import random_points
-from verbs.errors import RequestError
 from verbs.refine import Rules, refine
+from verbs.runtime.describe import describe
+from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb
 
 
@@ -62,7 +64,16 @@ def test_hybrid_is_the_search_on_the_refined_basis():
     assert np.allclose(Hybrid.of_verb(verb, iterations=2).weights(points), search.weights(points), atol=1e-12)
 
 
-@pytest.mark.parametrize("method", [Refined, Hybrid])
-def test_a_verb_without_refinement_says_what_to_run(method):
-    with pytest.raises(RequestError, match="'arm3' is not refined; run `adverb refine`"):
-        method.of_verb(library.load("arm3"))
+@pytest.mark.parametrize(("name", "plain"), [("refined", "rbf"), ("hybrid", "search")])
+@pytest.mark.parametrize("verb", ["arm3", "reach"])
+def test_without_pseudo_examples_the_weights_are_those_of_the_plain_method(verb, name, plain):
+    evaluator = Evaluator(library.load(verb))
+    points = random_points(evaluator.verb, np.random.default_rng(3), 50)
+    blend = evaluator.blend(points, method=name)
+    assert blend.method == name
+    assert np.array_equal(blend.weights, evaluator.blend(points, method=plain).weights)
+
+
+def test_a_refinement_takes_no_method_away():
+    assert usable(library.load("arm3")) == usable(refined("arm3", 3))
+    assert {"refined", "hybrid"} <= set(describe(library.load("arm3"))["methods"])

@@ -32,6 +32,9 @@ MAX_KEYTIMES = 64
 MAX_KEYS = 8_192
 """Canonical samples of one verb: 8,192 keys are 2 minutes at 60 Hz."""
 
+MAX_MAGNITUDE = 1e9
+"""Largest magnitude of an adverb, a keytime, and any other number of a source or a request."""
+
 METRES_PER_UNIT = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 
 

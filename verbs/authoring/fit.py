@@ -112,7 +112,9 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
         "simplices": [list(row) for row in source.simplices],
         "built_by": f"adverb {metadata.version('adverb')}",
     }
-    return Built(replace(verb, quality=quality, provenance=provenance), (*fitted.warnings, *warnings), worst)
+    return Built(
+        replace(verb, quality=quality, provenance=provenance), (*source.warnings, *fitted.warnings, *warnings), worst
+    )
 
 
 def _read_motions(source: Source, say: Progress) -> tuple[list[Motion], list[str]]:

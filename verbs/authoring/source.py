@@ -5,15 +5,15 @@ What the folder says is checked here; whether the motions fit together is checke
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from verbs import units
-from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYTIMES, METRES_PER_UNIT
+from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYTIMES, MAX_MAGNITUDE, METRES_PER_UNIT
 from verbs.errors import SourceError
 from verbs.kernels.chart import CHARTS
 from verbs.kernels.measure import MEASURES
@@ -29,6 +29,19 @@ _KEYS = {
     "name", "description", "looping", "root", "effector", "effector_keytime_index", "measure", "keytime_names",
     "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
 }  # fmt: skip
+
+_TABLE_KEYS = {
+    "adverb": {"name", "unit", "description", "style"},
+    "example": {"file", "keytimes", "adverb_values"},
+    "units": {"length", "time", "adverb_angle"},
+    "goal": {"origin", "axes"},
+}
+"""Keys with a meaning, at the top level and in each table."""
+
+_AXES = {"up_axis", "forward_axis"}
+
+_CLOSE = 0.8
+"""Similarity (:mod:`difflib`) from which on an unknown key counts as a misspelling; captured sources stay below 0.7."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +73,7 @@ class Source:
     """What ``verb.toml`` says, checked.
 
     ``goal`` is empty, or an origin and one axis per measured adverb, three numbers each: where the adverbs of a sheet
-    lie in space. ``provenance`` keeps every key that has no meaning here.
+    lie in space. ``provenance`` keeps every key that has no meaning here; ``warnings`` name likely misspellings.
     """
 
     path: Path
@@ -80,6 +93,7 @@ class Source:
     simplices: tuple[tuple[int, ...], ...]
     goal: tuple[tuple[float, ...], ...]
     provenance: Mapping[str, Any]
+    warnings: tuple[str, ...] = ()
 
 
 def read(folder: str | Path) -> Source:
@@ -92,6 +106,34 @@ def read(folder: str | Path) -> Source:
     """
     path = Path(folder) / "verb.toml"
     table = _load(path)
+    warnings = _misspelled(table)
+    try:
+        return replace(_read(path, table), warnings=warnings)
+    except SourceError as err:
+        if not warnings:
+            raise
+        raise SourceError(path, "; ".join([err.problem, *warnings]), example=err.example) from err
+
+
+def _misspelled(table: Mapping[str, Any]) -> tuple[str, ...]:
+    """A sentence for each unknown key that is close to a known one."""
+    found: list[str] = []
+    for name, rows, known in (
+        ("", table, _KEYS | _AXES),
+        *((name, table.get(name), known) for name, known in _TABLE_KEYS.items()),
+    ):
+        for row in rows if isinstance(rows, list) else [rows]:
+            for key in row if isinstance(row, dict) else ():
+                near = [] if key in known else get_close_matches(key.lower(), known, 1, _CLOSE)
+                where = f" in {f'[[{name}]]' if isinstance(rows, list) else f'[{name}]'}" if name else ""
+                line = f"unknown key '{key}'{where}; did you mean '{near[0]}'?" if near else ""
+                if line and line not in found:
+                    found.append(line)
+    return tuple(found)
+
+
+def _read(path: Path, table: dict[str, Any]) -> Source:
+    """The source of a parsed ``verb.toml``, checked."""
     reader = _Reader(path)
     adverbs = tuple(_adverb(reader, row, k) for k, row in enumerate(reader.tables(table, "adverb", MAX_ADVERBS)))
     names = [adverb.name for adverb in adverbs]
@@ -143,7 +185,7 @@ def _load(path: Path) -> dict[str, Any]:
         raise SourceError(path.parent, "is a file; name the folder that holds verb.toml") from None
     except OSError as err:
         raise SourceError(path, f"cannot be read: {err.strerror or err}") from err
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as err:
+    except (ValueError, RecursionError) as err:  # TOML, UTF-8, or a number of thousands of digits
         raise SourceError(path, f"is no valid TOML: {err}") from err
 
 
@@ -206,8 +248,12 @@ class _Reader:
                 self.path, f"'{key}' has {len(values)} numbers, but there are {count} {of}", example=where
             )
         for value in values:
-            if not math.isfinite(value) or abs(value) > 1e9:
-                raise SourceError(self.path, f"'{key}' holds {value}; numbers must be finite", example=where)
+            if not abs(value) <= MAX_MAGNITUDE:  # NaN compares false
+                raise SourceError(
+                    self.path,
+                    f"'{key}' holds {value!r:.24}; numbers must be finite, of magnitude {MAX_MAGNITUDE:,.0f} at most",
+                    example=where,
+                )
         return tuple(float(value) for value in values)
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from verbs.blend import methods
 from verbs.blend.corrected import Corrected
-from verbs.conventions import F64
+from verbs.conventions import F64, MAX_MAGNITUDE
 from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
 from verbs.goal import Goal
 from verbs.kernels import measure as measures
@@ -155,10 +155,13 @@ class Evaluator:
         names = self._names
         if adverbs.ndim != 2 or adverbs.shape[1] != len(names):
             raise OutOfRange(f"adverbs must have shape (batch, {len(names)}): {', '.join(names)}")
-        fine = np.abs(adverbs) <= 1e9  # NaN compares false, so this catches it as well
+        fine = np.abs(adverbs) <= MAX_MAGNITUDE  # NaN compares false, so this catches it as well
         if not fine.all():
             row, column = np.argwhere(~fine)[0]
-            raise OutOfRange(f"adverb '{names[column]}' is {adverbs[row, column]}; it must be a finite number")
+            raise OutOfRange(
+                f"adverb '{names[column]}' is {adverbs[row, column]}; it must be a finite number of magnitude "
+                f"{MAX_MAGNITUDE:,.0f} at most"
+            )
         return adverbs
 
     def blend(self, adverbs: F64, *, method: str | None = None) -> Blend:

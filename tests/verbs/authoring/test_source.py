@@ -28,6 +28,38 @@ def test_unknown_keys_are_kept_as_provenance(source):
     assert read(source).provenance == {"actor": "somebody"}
 
 
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "warning"),
+    [
+        ('name = "arm"', 'name = "arm"\nlopping = true', "unknown key 'lopping'; did you mean 'looping'?"),
+        ('name = "arm"', 'name = "arm"\nDescription = "a"', "unknown key 'Description'; did you mean 'description'?"),
+        ('unit = "m"', 'unit = "m"\nstlye = true', "unknown key 'stlye' in [[adverb]]; did you mean 'style'?"),
+        (
+            'file = "a.bvh"',
+            'file = "a.bvh"\nkeytime = []',
+            "unknown key 'keytime' in [[example]]; did you mean 'keytimes'?",
+        ),
+        (
+            'name = "arm"',
+            'name = "arm"\nunits = {lenght = "m"}',
+            "unknown key 'lenght' in [units]; did you mean 'length'?",
+        ),
+    ],
+)
+def test_a_misspelled_key_is_named_with_the_nearest_known_one(source, pattern, replacement, warning):
+    assert warning in build(edit(source, pattern, replacement)).warnings
+
+
+def test_a_misspelled_key_stands_beside_the_error_that_it_causes(source):
+    with pytest.raises(SourceError, match="'keytime_names' is missing; unknown key 'keytime_name'; did you mean"):
+        read(edit(source, "keytime_names", "keytime_name"))
+
+
+@pytest.mark.parametrize("name", ["jump", "kick", "locomotion", "punch", "reach", "reach_left"])
+def test_keys_of_captured_sources_are_no_misspellings(mocap, name):
+    assert read(mocap / name).warnings == ()
+
+
 def test_missing_folder_says_what_a_source_is(tmp_path):
     with pytest.raises(SourceError, match="folder with a verb.toml"):
         read(tmp_path / "nowhere")
@@ -61,6 +93,10 @@ def test_broken_toml_is_a_source_error(tmp_path, text):
         ('"x"', '"1x"', "letters, digits"),
         (r"adverb_values = \[", "adverb_values = [nan, ", "example 'a'.*3 numbers, but there are 2 adverbs"),
         (r"adverb_values = \[[^,]*", "adverb_values = [nan", "example 'a'.*holds nan; numbers must be finite"),
+        (r"adverb_values = \[[^,]*", "adverb_values = [1e30", r"'a'.*holds 1e\+30; .* 1,000,000,000 at most"),
+        (r"adverb_values = \[[^,]*", "adverb_values = [" + "9" * 400, "holds 9{24}; .* 1,000,000,000 at most"),
+        (r"keytimes = \[0.0, 0.5, 1.0\]", "keytimes = [0.0, 0.5, 1e30]", r"'a'.*'keytimes' holds 1e\+30"),
+        (r"adverb_values = \[[^,]*", "adverb_values = [" + "9" * 5000, "no valid TOML.*digits"),
         (r"adverb_values = \[[^,]*", 'adverb_values = ["1"', "example 'a'.*list of numbers"),
         (r"keytimes = \[0.0, 0.5, 1.0\]", "keytimes = [0.0, 1.0]", "'a'.*2 numbers, but there are 3 keytime names"),
         (r"keytimes = \[0.0, 0.5", "keytimes = [0.5, 0.2", "example 'a'.*'reach' .0.2 s. must come after 'start'"),

@@ -90,6 +90,12 @@ def test_far_adverbs_are_clamped_and_said_to_be(arm):
         ({"x": 0.1, "q": 0.2}, {}, UnknownName, "unknown adverb 'q'; known: x, y"),
         ({"x": 0.1, "y": 0.2, "z": 1.0}, {}, UnknownName, "unknown adverb 'z'"),
         ({"x": float("nan"), "y": 0.2}, {}, OutOfRange, "adverb 'x' is nan; it must be a finite number"),
+        (
+            {"x": 1e30, "y": 0.2},
+            {},
+            OutOfRange,
+            r"'x' is 1e\+30; it must be a finite number of magnitude 1,000,000,000",
+        ),
         ({"x": 0.1, "y": float("inf")}, {}, OutOfRange, "adverb 'y' is inf"),
         ({"x": 0.1, "y": 0.2}, {"phase": 1.5}, OutOfRange, "phase is 1.5; it must lie between 0 and 1"),
         ({"x": 0.1, "y": 0.2}, {"phase": float("nan")}, OutOfRange, "phase is nan"),

@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from importlib import metadata
 
 import numpy as np
 import pytest
@@ -13,13 +14,15 @@ from verbs.blend.methods import METHODS
 from verbs.cli import app, run
 from verbs.cli.options import METHODS as HELP_METHODS
 from verbs.cli.options import open_verb, parse_at
-from verbs.errors import OutOfRange, UnknownName
+from verbs.errors import MotionFileError, OutOfRange, RequestError, UnknownName
 from verbs.io import bvh
 
 FIELDS = {
     "error_mean_m", "error_max_m", "error_mean_pct", "error_max_pct", "smoothness", "smoothness_max", "precompute_s",
     "query_us", "samples", "domain", "grid",
 }  # fmt: skip
+
+AT = ("--at", "x=0.5,y=0.2")
 
 
 def call(*arguments):
@@ -56,7 +59,7 @@ def test_pose_prints_one_pose():
     assert record["measured"]["x"] == pytest.approx(0.5, abs=1e-9)
     assert record["error"] < 1e-9
     assert len(record["rotations"]) == 4
-    assert "reached x 0.5000" in call("pose", "arm3", "--at", "x=0.5,y=0.2").stdout
+    assert "measured x 0.5000 m, y 0.2000 m; error" in call("pose", "arm3", "--at", "x=0.5,y=0.2").stdout
 
 
 def test_measure_prints_the_agreed_fields():
@@ -69,6 +72,19 @@ def test_measure_takes_a_source_folder(mocap):
     figures = json.loads(call("measure", mocap / "punch", "--method", "rbf", "--grid", "11", "--json").stdout)
     assert set(figures["methods"]["rbf"]) >= FIELDS
     assert figures["methods"]["rbf"]["samples"] == 3000
+
+
+def test_the_ending_of_a_file_names_its_format(tmp_path):
+    for name, form in (("one.bvh", ()), ("TWO.BVH", ()), ("three", ()), ("four.bvh", ("--format", "bvh"))):
+        call("export", "arm3", *AT, "-o", tmp_path / name, *form)
+        assert (tmp_path / name).read_text().startswith("HIERARCHY")
+
+
+def test_errors_have_a_prefix_for_people_and_si_in_json(tmp_path):
+    shown = call("measure", "arm3", "--method", "rbf", "--grid", "5").stdout
+    row = json.loads(call("measure", "arm3", "--method", "rbf", "--grid", "5", "--json").stdout)["methods"]["rbf"]
+    assert 0.001 < row["error_max_m"] < 1.0
+    assert f"{1000 * row['error_max_m']:.3g} mm" in shown
 
 
 def test_export_writes_a_motion_that_reaches_the_goal(tmp_path):
@@ -84,7 +100,12 @@ def test_export_writes_a_motion_that_reaches_the_goal(tmp_path):
         (["info", "nobody"], UnknownName, "unknown verb 'nobody'; known: arm3, board, reach"),
         (["pose", "arm3", "--at", "x=one"], OutOfRange, "write name=value"),
         (["pose", "arm3", "--at", "x=0.1,y=0.1", "--method", "magic"], UnknownName, "unknown method 'magic'"),
-        (["export", "arm3", "--at", "x=0.1,y=0.1", "-o", "x", "--format", "fbx"], UnknownName, "known: bvh"),
+        (["export", "arm3", *AT, "-o", "m", "--format", "fbx"], RequestError, "'fbx' is not supported; known: bvh"),
+        (["export", "arm3", *AT, "-o", "m.fbx"], RequestError, "format 'fbx' is not supported; known: bvh"),
+        (["export", "arm3", *AT, "-o", "m.GLB"], RequestError, "format 'glb' is not supported; known: bvh"),
+        (["export", "arm3", *AT, "-o", "m.fbx", "--format", "bvh"], RequestError, "ends in .fbx, but --format is bvh"),
+        (["export", "arm3", *AT, "-o", "."], RequestError, "is a folder"),
+        (["export", "arm3", *AT, "-o", "no/folder/m.bvh"], MotionFileError, "no/folder/m.bvh"),
     ],
 )
 def test_a_user_error_is_typed(arguments, error, message):
@@ -127,8 +148,12 @@ def test_the_librarys_names_are_those_that_it_gives():
 
 
 def test_every_command_shows_an_example():
-    for command in ("build", "info", "pose", "measure", "export"):
+    for command in ("build", "info", "pose", "measure", "refine", "export", "figures"):
         assert "Example" in call(command, "--help").stdout
+
+
+def test_the_version_is_that_of_the_package():
+    assert call("--version").stdout == f"adverb {metadata.version('adverb')}\n"
 
 
 def test_a_loop_can_be_exported_for_several_cycles(mocap, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from typing import Annotated
 
 import typer
 
@@ -19,7 +20,6 @@ __all__ = ["app", "main", "run"]
 
 app = typer.Typer(
     name="adverb",
-    help="Example motions in, any motion in between out, with its measured error.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -36,6 +36,29 @@ _COMMANDS: dict[str, Callable[..., None]] = {
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)
+
+
+def _version(wanted: bool) -> None:
+    """Print the version and exit."""
+    if wanted:
+        from importlib import metadata
+
+        typer.echo(f"adverb {metadata.version('adverb')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Example motions in, any motion in between out, with its measured error.
+
+    Exit codes: 0 success, 1 user error, 2 wrong usage. Results go to stdout, progress and warnings to stderr.
+
+    Example: [bold]adverb pose arm3 --at x=0.5,y=0.2 --json[/]
+    """
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from verbs.cli.options import Json, VerbArgument, open_verb
 from verbs.cli.output import err, out, plain, print_json, progress
+from verbs.units import quantity
 
 if TYPE_CHECKING:
     from verbs.authoring.fit import Built
@@ -56,22 +57,22 @@ def _build_table(built: Built, path: Path) -> Table:
         table.add_row(f"  {adverb.name}", f"{adverb.minimum:.3f} to {adverb.maximum:.3f} {adverb.unit}{style}")
     table.add_row("domain", quality["domain"])
     table.add_row("condition", f"{quality['condition']:.3g} (radial system)")
-    table.add_row("curves", f"within {quality['curve_error_max_m'] * 1000:.2f} mm of every joint at every source frame")
+    table.add_row("curves", f"within {quantity(quality['curve_error_max_m'])} of every joint at every source frame")
     table.add_row("chart", quality["chart_reason"])
     if "methods" in quality:
         table.add_row("worst stored", plain(built.worst_stored))
-        table.add_row("at examples", f"error ≤ {quality['error_examples_max_m']:.1e} {unit}")
+        table.add_row("at examples", f"error ≤ {quantity(quality['error_examples_max_m'], unit, 2)}")
         for name, found in quality["methods"].items():
             table.add_row(
                 f"inside, {name}",
-                f"error {found['error_mean_m']:.3g} {unit} mean, {found['error_max_m']:.3g} {unit} max, "
+                f"error {quantity(found['error_mean_m'], unit)} mean, {quantity(found['error_max_m'], unit)} max, "
                 f"Σ|w| ≤ {found['weight_sum_max']:.2f} over {quality['samples']} random points",
             )
     return table
 
 
 def info_command(verb: VerbArgument, as_json: Json = False) -> None:
-    """Say what a verb is: adverbs, examples, domain, measured quality.
+    """Describe a verb: adverbs, examples, domain, measured quality.
 
     Example: [bold]adverb info reach --json[/]
     """

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from verbs.cli.options import METHODS, Json, VerbArgument, open_verb
 from verbs.cli.output import out, print_json, progress
+from verbs.units import quantity
 
 if TYPE_CHECKING:
     from verbs.quality.report import Figures
@@ -45,21 +46,21 @@ def measure_command(
     if as_json:
         found: dict[str, Any] = {"verb": loaded.name, "methods": {row.method: row.as_dict() for row in rows}}
         if len(rows) > 1:
-            found["recommendation"] = recommend(rows)
+            found["recommendation"] = recommend(rows, loaded.measure.unit)
         print_json(found)
         return
     out.print(_measure_table(loaded, rows))
     if feet:
         out.print(_slide_table(loaded, rows))
     if len(rows) > 1:
-        out.print(recommend(rows))
+        out.print(recommend(rows, loaded.measure.unit))
 
 
 def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
     unit = verb.measure.unit
     heads = (
         "method",
-        f"error mean, {unit}",
+        "error mean",
         "max",
         "mean, %",
         "max, %",
@@ -73,8 +74,8 @@ def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
     for row in rows:
         table.add_row(
             row.method,
-            f"{row.error_mean_m:.4g}",
-            f"{row.error_max_m:.4g}",
+            quantity(row.error_mean_m, unit),
+            quantity(row.error_max_m, unit),
             f"{row.error_mean_pct:.3g}",
             f"{row.error_max_pct:.3g}",
             f"{row.smoothness:.3g}",

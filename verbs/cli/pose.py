@@ -9,10 +9,14 @@ import typer
 from rich.table import Table
 
 from verbs.cli.options import At, Json, MethodOption, VerbArgument, open_verb, parse_at
-from verbs.cli.output import err, out, print_json
-from verbs.errors import RequestError, UnknownName
+from verbs.cli.output import err, out, plain, print_json
+from verbs.errors import RequestError
+from verbs.units import quantity
 
-__all__ = ["export_command", "pose_command"]
+__all__ = ["FORMATS", "export_command", "pose_command"]
+
+FORMATS = ("bvh",)
+"""Formats of exported motions, by the ending of their files."""
 
 
 def pose_command(
@@ -23,7 +27,7 @@ def pose_command(
     method: MethodOption = None,
     as_json: Json = False,
 ) -> None:
-    """Ask a verb for one pose.
+    """Print the pose of a verb at some adverbs.
 
     Example: [bold]adverb pose reach --at x=-0.3,y=1.2,z=0.4 --phase 0.5[/]
     """
@@ -41,36 +45,50 @@ def pose_command(
         table.add_row(name, *(f"{value:+.4f}" for value in rotation))
     out.print(table)
     unit = evaluator.verb.measure.unit
-    error = "none (style only)" if record["error"] is None else f"{record['error']:.4g} {unit}"
-    reached = ", ".join(f"{name} {value:.4f}" for name, value in record["measured"].items())
+    error = "none (style only)" if record["error"] is None else quantity(record["error"], unit)
+    units = {adverb.name: adverb.unit.replace("none", "") for adverb in evaluator.verb.adverbs}
+    measured = ", ".join(f"{name} {value:.4f} {units[name]}".rstrip() for name, value in record["measured"].items())
     out.print(
         f"phase {record['phase']:.4f}, {record['time']:.3f} of {record['duration']:.3f} s, method {record['method']}"
     )
-    out.print(f"reached {reached or 'nothing measurable'}; error {error}{'; clamped' if record['clamped'] else ''}")
+    out.print(f"measured {measured or 'nothing'}; error {error}{'; clamped' if record['clamped'] else ''}")
+
+
+def _check_format(output: Path, form: str | None) -> None:
+    """Refuse a file that cannot be written, or whose ending and format are not one that is supported."""
+    ending = output.suffix.removeprefix(".").lower()
+    chosen = form or ending or FORMATS[0]
+    if chosen not in FORMATS:
+        raise RequestError(f"format '{chosen}' is not supported; known: {', '.join(FORMATS)}")
+    if ending and ending != chosen:
+        raise RequestError(
+            f"{output.name} ends in .{ending}, but --format is {chosen}; leave one out. Known: {', '.join(FORMATS)}"
+        )
+    if output.is_dir():
+        raise RequestError(f"{output} is a folder; name a file to write")
 
 
 def export_command(
     verb: VerbArgument,
     at: At,
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")],
-    form: Annotated[str, typer.Option("--format", help="bvh.")] = "bvh",
+    form: Annotated[
+        str | None, typer.Option("--format", help="bvh, the only one so far. [default: the ending of the file]")
+    ] = None,
     fps: Annotated[float, typer.Option(min=1, max=240, help="Frames per second.")] = 30.0,
     cycles: Annotated[int, typer.Option(min=1, max=100, help="Cycles of a looping verb.")] = 1,
     method: MethodOption = None,
 ) -> None:
-    """Write a whole motion to a file.
+    """Write a whole motion to a file, in metres and degrees.
 
-    Example: [bold]adverb export reach --at x=-0.3,y=1.2,z=0.4 --format bvh -o reach.bvh[/]
+    Example: [bold]adverb export reach --at x=-0.3,y=1.2,z=0.4 -o reach.bvh[/]
     """
     from verbs.io import bvh
     from verbs.runtime import sequence
     from verbs.runtime.evaluate import Evaluator
 
-    if form != "bvh":
-        raise UnknownName("format", form, ("bvh",))
-    if output.is_dir():
-        raise RequestError(f"{output} is a folder; name a file to write")
+    _check_format(output, form)
     evaluator = Evaluator(open_verb(verb))
     poses = sequence.sequence(evaluator, evaluator.adverbs(parse_at(at)), fps, cycles=cycles, method=method)
     bvh.write(sequence.to_motion(evaluator, poses, fps), output)
-    err.print(f"{output}: {len(poses.root)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s")
+    err.print(f"{plain(str(output))}: {len(poses.root)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s")

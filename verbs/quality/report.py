@@ -16,6 +16,7 @@ from verbs.goal import diagonal
 from verbs.quality import foot_contact
 from verbs.quality.smoothness import smoothness, zoom_ratios
 from verbs.runtime.evaluate import Evaluator
+from verbs.units import quantity
 from verbs.verb import Verb
 
 __all__ = ["Figures", "measure", "recommend"]
@@ -158,7 +159,7 @@ def _query_us(evaluator: Evaluator, method: str, points: Points) -> float:
     return float(1e6 * best / len(batch))
 
 
-def recommend(rows: list[Figures]) -> str:
+def recommend(rows: list[Figures], unit: str = "m") -> str:
     """Which method to use, and why, from measured figures of at least one method.
 
     Among the methods whose weights do not jump (zoom ratio of at least 3) the one with the least largest error; among
@@ -172,13 +173,17 @@ def recommend(rows: list[Figures]) -> str:
         )
     least = min(row.error_max_m for row in steady)
     best = min((row for row in steady if row.error_max_m <= 2.0 * least), key=lambda row: row.smoothness)
-    reasons = [f"its largest error is {best.error_max_m:.2g} and its weights do not jump"]
+    reasons = [f"its largest error is {quantity(best.error_max_m, unit, 2)} and its weights do not jump"]
     smoothest = min(rows, key=lambda row: row.smoothness)
     if smoothest.method != best.method:
         kappas = f"κ {smoothest.smoothness:.2e} against {best.smoothness:.2e}"
-        reasons.append(f"{smoothest.method} is smoother ({kappas}) and misses by up to {smoothest.error_max_m:.2g}")
+        reasons.append(
+            f"{smoothest.method} is smoother ({kappas}), its error up to {quantity(smoothest.error_max_m, unit, 2)}"
+        )
     fastest = min(rows, key=lambda row: row.query_us)
     if fastest.method != best.method:
         ratio = best.query_us / fastest.query_us
-        reasons.append(f"{fastest.method} is {ratio:.0f}× faster and misses by {fastest.error_mean_m:.2g} on average")
+        reasons.append(
+            f"{fastest.method} is {ratio:.0f}× faster, its mean error {quantity(fastest.error_mean_m, unit, 2)}"
+        )
     return f"Use {best.method}: {'; '.join(reasons)}."

@@ -15,7 +15,7 @@ def rows():
 def test_the_recommendation_names_a_method_and_its_reason(rows):
     words = recommend(rows)
     assert words.startswith("Use corrected: its largest error is")
-    assert "faster and misses by" in words
+    assert "faster, its mean error" in words
 
 
 def test_kinks_show_in_the_zoom(rows):

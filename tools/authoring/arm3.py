@@ -2,7 +2,7 @@
 
 It is the arm of C. Rose, P. Sloan, M. Cohen, "Artist-Directed Inverse-Kinematics Using Radial Basis Function
 Interpolation", 2001, figure 6, with our own examples: the joint angles nearest to rest that reach a 3 × 3 grid,
-rounded to 4 decimals and then taken as they are (our benchmark table A9).
+rounded to 4 decimals and then taken as they are (benchmark table A9).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ POSES_RAD = {
 
 
 def source() -> Source:
-    """Give the verb source of ``arm3``."""
+    """Return the verb source of ``arm3``."""
     return Source(
         comment=(
             "A planar three-link arm, authored by tools.authoring (python -m tools.authoring arm3).\n"

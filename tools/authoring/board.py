@@ -35,8 +35,8 @@ _FINGERS = np.array([-1.0, 0.0, 0.0])
 
 
 def source(names: Sequence[str] | None = None) -> Source:
-    """Give the verb source of ``board``, or only some of its examples."""
-    places = targets()
+    """Return the verb source of ``board``, or only some of its examples."""
+    positions = targets()
     return Source(
         comment="Drawing on a board, authored by tools.authoring (python -m tools.authoring board).",
         keys={
@@ -61,7 +61,7 @@ def source(names: Sequence[str] | None = None) -> Source:
         ),
         examples=(
             Example(name, *reach.motion(at, manner, arc(humanoid(), at)))
-            for name, at in ((name, places[name]) for name in names or places)
+            for name, at in ((name, positions[name]) for name in names or positions)
         ),
         decimals=_DECIMALS,
     )
@@ -95,9 +95,9 @@ def manner(figure: Figure, goal: F64, target: F64, share: float) -> list[solver.
 
 
 def arc(figure: Figure, target: F64) -> F64:
-    """Extra rotation vectors (J, 3) half-way to a target (3,), which lead the arm by a place near the body.
+    """Extra rotation vectors (J, 3) half-way to a target (3,), which lead the arm past a point near the body.
 
-    The farther to the right, the less of it: there a straight swing keeps off the board by itself.
+    They shrink toward the right edge, where a straight swing does not touch the board.
     """
     arm = figure.joints("RightShoulder", "RightArm", "RightForeArm", "RightHand")
     hanging = figure.forward(figure.rest)[1][arm[-1]]

@@ -1,4 +1,4 @@
-"""A body that can be posed: what the solver needs to know beyond the skeleton."""
+"""The body model of the pose solver: skeleton, rest pose, stiffness, limits and masses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Figure", "Pose"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """One pose: where the root is and how every joint is turned.
+    """One pose: root position and local rotations.
 
     Parameters
     ----------
@@ -31,16 +31,16 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Figure:
-    """A body that can be posed: what the solver needs to know beyond the skeleton.
+    """The body model of the pose solver.
 
     Parameters
     ----------
     skeleton : Skeleton
         The joints.
     rest : Pose
-        How it stands.
+        The rest pose.
     stiffness : (J, 3) float64
-        Cost of one radian about each joint's own axes; 0 where the joint cannot turn.
+        Cost of one radian about each joint's own axes; 0 where the joint is locked.
     lower, upper : (J, 3) float64
         Soft limits of the rotation vector about the rest pose, radians.
     mass_shares : (J,) float64

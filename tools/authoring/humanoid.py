@@ -1,11 +1,11 @@
-"""The built-in humanoid: skeleton, masses, how willingly each joint moves, and how it stands at rest.
+"""The built-in humanoid: skeleton, masses, joint stiffness and limits, and the rest pose.
 
 1.75 m tall, +Y up, +Z forward, +X left, joints named as most motion files name them. The zero pose is a T-pose with
-the palms down, where every hinge turns about one axis: elbows about Y, knees about X. Everything is written for the
+the palms down, where every hinge rotates about one axis: elbows about Y, knees about X. Everything is written for the
 right side and mirrored to the left.
 
 Sources: segment lengths and masses follow the tables of D. A. Winter, "Biomechanics and Motor Control of Human
-Movement", chapter 4 (fractions of stature and of body mass), rounded; compliances and limits are our own judgement.
+Movement", chapter 4 (fractions of stature and of body mass), rounded; compliances and limits are chosen by hand.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SOLE_M = 0.075
 _HEEL_M, _TOE_M, _HALF_WIDTH_M = 0.055, 0.205, 0.04
 
 BALANCE_POINT = np.array([0.0, 0.0, 0.045])
-"""Ground point under the centre of mass of who stands at ease: a little before the ankles."""
+"""Ground point under the centre of mass in the rest pose: a little before the ankles."""
 
 _STANCE_HALF_WIDTH_M = 0.125
 _STANCE_TURN_OUT_RAD = np.radians(9.0)
@@ -89,7 +89,7 @@ _STANDING: dict[str, tuple[tuple[float, float, float], ...]] = {
     "RightLeg": ((8.0, 0.0, 0.0),),
 }
 
-# (from joint, to joint, share of body mass, where along the way its centre lies); the right side stands for both.
+# (from joint, to joint, share of body mass, where its centre lies between them); the left side is mirrored.
 _MASSES = (
     ("Hips", "Spine", 0.142, 0.2),
     ("Spine", "Spine2", 0.139, 0.5),
@@ -113,7 +113,7 @@ def mirror_name(name: str) -> str:
 
 @cache
 def humanoid() -> Figure:
-    """Give the built-in humanoid, standing balanced on both feet at the origin, facing +Z.
+    """Return the built-in humanoid, standing balanced on both feet at the origin, facing +Z.
 
     Returns
     -------
@@ -145,8 +145,8 @@ def foot_outline(ankles: Floats, feet: Floats) -> F64:
             )
         ]
     )
-    turned = quat.rotate(np.asarray(feet)[..., None, :], corners)
-    return np.asarray(np.asarray(ankles)[..., None, :] + turned)
+    rotated = quat.rotate(np.asarray(feet)[..., None, :], corners)
+    return np.asarray(np.asarray(ankles)[..., None, :] + rotated)
 
 
 def support_gap(outline: Floats, points: Floats) -> F64:
@@ -189,7 +189,7 @@ def _mirrored_table(skeleton: Skeleton, column: int) -> F64:
         lower, upper = np.array(limits, np.float64).T
         table[skeleton.index(name)] = (stiffness, lower, upper)[column]
         if mirror_name(name) != name:
-            # Mirroring turns rotation vectors (x, y, z) into (x, -y, -z): limits about y and z change places.
+            # Mirroring maps rotation vectors (x, y, z) to (x, -y, -z): limits about y and z swap.
             swapped = (stiffness, np.array([lower[0], *-upper[1:]]), np.array([upper[0], *-lower[1:]]))
             table[skeleton.index(mirror_name(name))] = swapped[column]
     return table
@@ -197,10 +197,10 @@ def _mirrored_table(skeleton: Skeleton, column: int) -> F64:
 
 def _standing_guess(skeleton: Skeleton) -> F64:
     rotations = np.tile([0.0, 0.0, 0.0, 1.0], (len(skeleton), 1))
-    for name, turns in _STANDING.items():
+    for name, vectors in _STANDING.items():
         for each, signs in ((name, (1, 1, 1)), (mirror_name(name), (1, -1, -1)))[: 1 + (name != mirror_name(name))]:
-            for turn in turns:
-                step = quat.exp(np.radians(np.multiply(turn, signs)))
+            for vector in vectors:
+                step = quat.exp(np.radians(np.multiply(vector, signs)))
                 rotations[skeleton.index(each)] = quat.mul(rotations[skeleton.index(each)], step)
     return rotations
 

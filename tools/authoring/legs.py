@@ -1,4 +1,4 @@
-"""Feet that stay where they are put: two-bone legs solved in closed form for whole motions."""
+"""Planted feet: two-bone legs solved in closed form for whole motions."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ __all__ = ["plant"]
 
 
 def plant(figure: Figure, root: Floats, rotations: Floats, side: str, ankles: Floats, feet: Floats) -> F64:
-    """Bend one leg so that its foot stands exactly where it should.
+    """Bend one leg so that its foot has a given position and rotation.
 
-    The knee opens or closes to the wanted distance, then the leg turns by the shortest way to the wanted ankle: where
-    the leg already reaches it, nothing changes, so solved poses pass through untouched.
+    The knee bends to the distance of the target, then the hip rotates by the smallest angle that brings the ankle to
+    it. Poses that already meet the target do not change.
 
     Parameters
     ----------
     figure : Figure
-        A body whose thighs and shanks point straight down in the zero pose, with knees that turn about X.
+        A body whose thighs and shanks point straight down in the zero pose, with knees that rotate about X.
     root : (F, 3)
         Root positions, metres.
     rotations : (F, J, 4)
@@ -28,28 +28,28 @@ def plant(figure: Figure, root: Floats, rotations: Floats, side: str, ankles: Fl
     side : {"Left", "Right"}
         Which leg.
     ankles : (F, 3) or (3,)
-        Wanted ankle positions, metres.
+        Target ankle positions, metres.
     feet : (F, 4) or (4,)
-        Wanted global rotations of the foot.
+        Target global rotations of the foot.
 
     Returns
     -------
     rotations : (F, J, 4) float64
     """
-    turned: F64 = np.array(rotations, np.float64)
+    solved: F64 = np.array(rotations, np.float64)
     skeleton = figure.skeleton
     hip, knee, foot = figure.joints(side + "UpLeg", side + "Leg", side + "Foot")
     thigh, shank = -skeleton.offsets[knee, 1], -skeleton.offsets[foot, 1]
-    turns, positions = fk.forward(root, turned, skeleton.parents, skeleton.offsets)
+    global_rotations, positions = fk.forward(root, solved, skeleton.parents, skeleton.offsets)
     reach = np.asarray(ankles) - positions[:, hip]
-    turned[:, knee] = _knee(np.linalg.norm(reach, axis=-1), thigh, shank)
-    bent = skeleton.offsets[knee] + quat.rotate(turned[:, knee], skeleton.offsets[foot])
-    swing = _shortest_turn(quat.rotate(turns[:, hip], bent), reach)
-    parent = turns[:, skeleton.parents[hip]]
-    turned[:, hip] = quat.mul(quat.mul(quat.conjugate(parent), swing), turns[:, hip])
-    lower_leg = quat.mul(quat.mul(swing, turns[:, hip]), turned[:, knee])
-    turned[:, foot] = quat.mul(quat.conjugate(lower_leg), feet)
-    return turned
+    solved[:, knee] = _knee(np.linalg.norm(reach, axis=-1), thigh, shank)
+    bent = skeleton.offsets[knee] + quat.rotate(solved[:, knee], skeleton.offsets[foot])
+    swing = _shortest_rotation(quat.rotate(global_rotations[:, hip], bent), reach)
+    parent = global_rotations[:, skeleton.parents[hip]]
+    solved[:, hip] = quat.mul(quat.mul(quat.conjugate(parent), swing), global_rotations[:, hip])
+    lower_leg = quat.mul(quat.mul(swing, global_rotations[:, hip]), solved[:, knee])
+    solved[:, foot] = quat.mul(quat.conjugate(lower_leg), feet)
+    return solved
 
 
 def _knee(distances: F64, thigh: float, shank: float) -> F64:
@@ -59,7 +59,7 @@ def _knee(distances: F64, thigh: float, shank: float) -> F64:
     return quat.exp(angle[:, None] * np.array([1.0, 0.0, 0.0]))
 
 
-def _shortest_turn(start: F64, end: F64) -> F64:
+def _shortest_rotation(start: F64, end: F64) -> F64:
     """Rotations (F, 4) that take directions ``start`` (F, 3) to ``end`` (F, 3) by the smaller angle."""
     start = start / np.linalg.norm(start, axis=-1, keepdims=True)
     end = end / np.linalg.norm(end, axis=-1, keepdims=True)

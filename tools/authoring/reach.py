@@ -20,7 +20,7 @@ Manner = Callable[[Figure, F64, F64, float], list[solver.Term]]
 """Soft terms of a reach from the figure, the goal (3,) of this solve, the target (3,) and the share of the way."""
 
 FPS = 30.0
-_DECIMALS = 5  # metres and degrees: feet stay put to a hundredth of a millimetre, 24 files stay near 1 MB
+_DECIMALS = 5  # metres and degrees: feet stay in place to a hundredth of a millimetre, 24 files stay near 1 MB
 
 # Where the wrist goes, about the right shoulder at rest: height above the ground, direction seen from above (0 is
 # forward, positive to the left, across the body), horizontal distance (near, far).
@@ -32,10 +32,10 @@ _SEED = 24
 
 _LEFT, _FORWARD = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _TABLE_M = 1.05  # hands that go below this make the knees bend
-_STEPS = 6  # the target is carried from the hanging hand to its place in this many solves, so all take one branch
+_STEPS = 6  # the target moves from the hanging hand to its position in this many solves, so all take one branch
 
-# Who moves when, as shares of the way out and of the way back. The eyes go first, the trunk carries the shoulder, the
-# arm arrives last and settles; on the way back the arm leaves first and the head follows.
+# When each group moves, as shares of the way out and of the way back. The head moves first and the arm arrives last;
+# on the way back the arm leaves first and the head last.
 _WINDOWS = {
     "head": ((0.00, 0.78), (0.10, 1.00)),
     "trunk": ((0.02, 0.94), (0.04, 0.97)),
@@ -52,8 +52,8 @@ _GROUPS = {
 
 
 def source(names: Sequence[str] | None = None) -> Source:
-    """Give the verb source of ``reach``, or only some of its examples."""
-    places = targets()
+    """Return the verb source of ``reach``, or only some of its examples."""
+    positions = targets()
     return Source(
         comment="A whole-body reach, authored by tools.authoring (python -m tools.authoring reach).",
         keys={
@@ -75,7 +75,7 @@ def source(names: Sequence[str] | None = None) -> Source:
             Adverb(axis, "m", f"{way} coordinate of the right wrist (RightHand) at the apex of the reach (keytime 1)")
             for axis, way in (("x", "+X (left)"), ("y", "+Y (height above ground)"), ("z", "+Z (forward)"))
         ),
-        examples=(Example(name, *motion(places[name])) for name in names or places),
+        examples=(Example(name, *motion(positions[name])) for name in names or positions),
         decimals=_DECIMALS,
     )
 
@@ -110,9 +110,9 @@ def apex(figure: Figure, target: Floats, how: Manner | None = None) -> F64:
     values : (N,) float64
         For :func:`solver.pose` and :func:`solver.vectors`.
     """
-    turns, positions = figure.forward(figure.rest)
+    global_rotations, positions = figure.forward(figure.rest)
     feet, wrist = figure.joints("LeftFoot", "RightFoot"), figure.joints("RightHand")
-    planted = [solver.place(feet, positions[feet]), solver.orient(feet, turns[feet])]
+    planted = [solver.place(feet, positions[feet]), solver.orient(feet, global_rotations[feet])]
     values, how = None, how or manner
     for share in np.linspace(0.0, 1.0, _STEPS + 1)[1:]:
         goal = (1 - share) * positions[wrist[0]] + share * np.asarray(target)
@@ -124,7 +124,7 @@ def apex(figure: Figure, target: Floats, how: Manner | None = None) -> F64:
 
 
 def manner(figure: Figure, goal: F64, target: F64, share: float) -> list[solver.Term]:
-    """Soft terms of a reach: little effort, in balance, eyes on the target, knees and free arm as the height asks."""
+    """Soft terms of a reach: little effort, in balance, eyes on the target, knees and free arm by the height."""
     left, head = figure.skeleton.index("LeftArm"), figure.skeleton.index("Head")
     stoop = _stoop(goal)
     # The free arm hangs, held a little away from the thighs when they come up.
@@ -142,8 +142,8 @@ def manner(figure: Figure, goal: F64, target: F64, share: float) -> list[solver.
 def _stoop(goal: F64) -> float:
     """How far a hand goes below table height, metres, with a soft corner so that poses stay smooth in the target.
 
-    The hips seek a height by it: were bending the back alone as cheap as bending the knees, neighbouring targets
-    would fall to one or the other by chance.
+    It sets the height of the hips: if bending the back cost as little as bending the knees, neighbouring targets could
+    be solved in different ways.
     """
     return float(0.12 * np.logaddexp(0.0, (_TABLE_M - goal[1]) / 0.12))
 
@@ -173,13 +173,13 @@ def motion(target: Floats, how: Manner | None = None, arc: F64 | None = None) ->
     out, back = _frame_counts(figure, np.asarray(target))
     phases = np.concatenate([np.arange(out) / out, 1.0 + np.arange(back + 1) / back])
     progress = _progress(figure, phases)
-    # Parabolas have slopes at their ends, but progress has none: joints start and stop without a jerk all the same.
+    # The parabola has a slope at its ends, but progress has none there: joints start and stop smoothly.
     extra = _arc(figure, values, progress) if arc is None else (4.0 * progress * (1.0 - progress))[..., None] * arc
     root, rotations = _in_between(figure, values, progress, extra)
-    turns, positions = figure.forward(figure.rest)
+    global_rotations, positions = figure.forward(figure.rest)
     for side in ("Left", "Right"):
         foot = figure.skeleton.index(side + "Foot")
-        rotations = legs.plant(figure, root, rotations, side, positions[foot], turns[foot])
+        rotations = legs.plant(figure, root, rotations, side, positions[foot], global_rotations[foot])
     keytimes = np.array([0, out, out + back]) / FPS
     return Motion(figure.skeleton, FPS, root, quat.unroll(rotations)), keytimes
 
@@ -194,9 +194,9 @@ def _frame_counts(figure: Figure, target: F64) -> tuple[int, int]:
 
 
 def _in_between(figure: Figure, values: F64, progress: F64, extra: F64) -> tuple[F64, F64]:
-    """Root (F, 3) and rotations (F, J, 4) on the way: every joint at its own pace, the wrist on an arc."""
-    turned = progress[..., None] * solver.vectors(figure, values) + extra
-    rotations = quat.mul(figure.rest.rotations, quat.exp(turned))
+    """Root (F, 3) and rotations (F, J, 4) on the way: every joint with its own timing, the wrist on an arc."""
+    vectors = progress[..., None] * solver.vectors(figure, values) + extra
+    rotations = quat.mul(figure.rest.rotations, quat.exp(vectors))
     root = figure.rest.root + progress[:, :1] * values[:3]
     return root, rotations
 

@@ -38,7 +38,7 @@ __all__ = [
 _ROOT_STIFFNESS = (6.0, 1.5, 6.0)  # cost of one metre sideways, up and forward
 _DIFFERENCE = 1e-5  # step of the central differences: error about 1e-10, far below what is written
 _LARGEST_STEP = 0.35  # radians or metres per iteration: keeps every solve on the branch that it started on
-_LEAST_CURVATURE = 0.1  # cost per square radian: keeps steps finite where the model knows no cost
+_LEAST_CURVATURE = 0.1  # cost per square radian: keeps steps finite where the model has no cost
 _MAX_ITERATIONS = 300
 
 
@@ -52,15 +52,14 @@ class Body:
         Rotation vector of each joint about its rest pose, radians.
     shift : (B, 3) float64
         Displacement of the root from rest, metres.
-    turns : (B, J, 4) float64
-        Global rotations.
+    global_rotations : (B, J, 4) float64
     positions : (B, J, 3) float64
         Joint positions, metres.
     """
 
     vectors: F64
     shift: F64
-    turns: F64
+    global_rotations: F64
     positions: F64
 
 
@@ -100,26 +99,28 @@ def place(joints: I64, targets: Floats, weight: float = 1.0) -> Term:
     return lambda body: _flat(weight * (body.positions[:, joints] - targets))
 
 
-def orient(joints: I64, turns: Floats, weight: float = 1.0) -> Term:
+def orient(joints: I64, rotations: Floats, weight: float = 1.0) -> Term:
     """Give joints the global rotations (len(joints), 4)."""
-    wanted = quat.conjugate(turns)
-    return lambda body: _flat(weight * quat.log(quat.mul(wanted, body.turns[:, joints])))
+    inverse = quat.conjugate(rotations)
+    return lambda body: _flat(weight * quat.log(quat.mul(inverse, body.global_rotations[:, joints])))
 
 
 def aim(joint: int, axis: Floats, target: Floats, weight: float) -> Term:
     """Soft: point the local ``axis`` (3,) of a joint at a target position (3,)."""
 
     def residual(body: Body) -> F64:
-        sight = np.asarray(target) - body.positions[:, joint]
-        sight = sight / np.linalg.norm(sight, axis=-1, keepdims=True)
-        return np.asarray(weight * (quat.rotate(body.turns[:, joint], np.asarray(axis)) - sight))
+        direction = np.asarray(target) - body.positions[:, joint]
+        direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+        return np.asarray(weight * (quat.rotate(body.global_rotations[:, joint], np.asarray(axis)) - direction))
 
     return residual
 
 
 def keep_direction(joint: int, axis: Floats, direction: Floats, weight: float) -> Term:
-    """Soft: keep the local ``axis`` (3,) of a joint pointing along a global direction (3,), as a hanging arm does."""
-    return lambda body: np.asarray(weight * (quat.rotate(body.turns[:, joint], np.asarray(axis)) - direction))
+    """Soft: keep the local ``axis`` (3,) of a joint pointing along a global direction (3,), e.g. a hanging arm."""
+    return lambda body: np.asarray(
+        weight * (quat.rotate(body.global_rotations[:, joint], np.asarray(axis)) - direction)
+    )
 
 
 def balance(figure: Figure, point: Floats, weight: float) -> Term:
@@ -162,7 +163,7 @@ def solve(
     Raises
     ------
     RuntimeError
-        If the constraints cannot all be met: an author's mistake, not a user's.
+        If the constraints cannot all be met: a mistake in the authoring code.
     """
     values: F64 = np.zeros(3 + len(_freedoms(figure))) if start is None else np.array(start, np.float64)
     model = _linearised(figure, soft, hard, values)
@@ -178,7 +179,7 @@ def solve(
             return values
         before, model = model, _linearised(figure, soft, hard, values)
         curvature = _learned(curvature, scale * step, before, model, forces)
-    raise RuntimeError(f"no pose found: constraints are still {np.abs(model.gaps).max():.2e} off")
+    raise RuntimeError(f"no pose found: constraint residuals are still {np.abs(model.gaps).max():.2e}")
 
 
 def vectors(figure: Figure, values: Floats) -> F64:
@@ -191,8 +192,8 @@ def vectors(figure: Figure, values: Floats) -> F64:
 
 def pose(figure: Figure, values: Floats) -> Pose:
     """Pose of solved values (N,)."""
-    turned = quat.mul(figure.rest.rotations, quat.exp(vectors(figure, values)))
-    return Pose(figure.rest.root + np.asarray(values)[:3], turned)
+    rotated = quat.mul(figure.rest.rotations, quat.exp(vectors(figure, values)))
+    return Pose(figure.rest.root + np.asarray(values)[:3], rotated)
 
 
 def _flat(residuals: F64) -> F64:
@@ -200,16 +201,16 @@ def _flat(residuals: F64) -> F64:
 
 
 def _freedoms(figure: Figure) -> I64:
-    """Places in the flattened (J, 3) axes that can move."""
+    """Indices of the flattened (J, 3) axes that can move."""
     return np.flatnonzero(figure.stiffness.ravel() > 0)
 
 
 def _body(figure: Figure, values: F64) -> Body:
-    turned = vectors(figure, values)
-    rotations = quat.mul(figure.rest.rotations, quat.exp(turned))
+    rotated = vectors(figure, values)
+    rotations = quat.mul(figure.rest.rotations, quat.exp(rotated))
     root = figure.rest.root + values[..., :3]
     return Body(
-        turned,
+        rotated,
         values[..., :3],
         *fk.forward(root, rotations, figure.skeleton.parents, figure.skeleton.offsets),
     )
@@ -240,13 +241,13 @@ def _constrained_step(model: _Model, curvature: F64) -> tuple[F64, F64]:
 
 
 def _convex(hessian: F64) -> F64:
-    """Make a symmetric matrix positive definite, so that every step goes downhill."""
+    """Make a symmetric matrix positive definite, so that every step descends."""
     eigenvalues, axes = np.linalg.eigh(hessian)
     return np.asarray((axes * np.maximum(eigenvalues, _LEAST_CURVATURE)) @ axes.T)
 
 
 def _learned(curvature: F64, step: F64, before: _Model, after: _Model, forces: F64) -> F64:
-    """Learn from a step what Gauss-Newton neglects: how residuals and constraints bend (symmetric rank one)."""
+    """Symmetric rank-one update of the curvature of residuals and constraints that Gauss-Newton neglects."""
     change = (after.slopes - before.slopes).T @ after.residuals + (after.gap_slopes - before.gap_slopes).T @ forces
     missing = change - curvature @ step
     along = float(missing @ step)

@@ -1,4 +1,4 @@
-"""Authored examples to a verb source: BVH files and the verb.toml that describes them, always the same bytes."""
+"""Write authored examples as a verb source: BVH files and a verb.toml, the same bytes for the same examples."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Source:
     adverbs : sequence of Adverb
         Measured adverbs are named x, y or z after the effector's coordinate, unless they lie on a sheet.
     examples : iterable of Example
-        May author lazily.
+        May be authored lazily.
     decimals : int
         Digits after the point in the BVH files, degrees and metres.
     """
@@ -106,10 +106,10 @@ def write(source: Source, folder: Path) -> Iterable[str]:
 
 
 def measured(source: Source, path: Path, keytimes: Floats) -> F64:
-    """Position (3,) of the effector at its keytime, from a written file: what a reader of that file will find."""
+    """Position (3,) of the effector at its keytime, measured from a written file."""
     motion = bvh.read(path)
     index = source.keys["effector_keytime_index"]
-    assert isinstance(index, int)  # an author's mistake, not a user's
+    assert isinstance(index, int)  # a mistake in the authoring code
     frame = round(float(np.asarray(keytimes)[index]) * motion.fps)
     skeleton = motion.skeleton
     positions = fk.forward(motion.root[frame], motion.rotations[frame], skeleton.parents, skeleton.offsets)[1]
@@ -138,7 +138,7 @@ def _rows(rows: Mapping[str, object]) -> str:
 
 
 def _value(value: object) -> str:
-    # JSON writes strings, numbers, lists and booleans exactly as TOML reads them; tables inside a line it does not.
+    # JSON writes strings, numbers, lists and booleans exactly as TOML reads them; inline tables differ.
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key} = {_value(each)}" for key, each in value.items()) + "}"
     return json.dumps(value, ensure_ascii=False)

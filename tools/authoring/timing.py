@@ -1,4 +1,4 @@
-"""When things move: minimum-jerk ease, windows of it, and bumps on the way."""
+"""Timing functions: minimum-jerk ease, eases within a window, and bumps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Adverb's library: verbs as Rose, Sloan and Cohen describe them, exact and smooth at once."""
+"""Parameterised motions (verbs) from example motions: build, evaluate, refine.
+
+Source: Rose, Sloan, Cohen 2001; Feng, Huang, Kallmann, Shapiro 2012.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -40,7 +43,7 @@ _MODULE_OF = {name: module for module, names in _MODULES.items() for name in nam
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for when it is: Numba and SciPy take seconds, and `adverb --help` needs neither."""
+    """Import a public name on first use: Numba and SciPy take seconds, and `adverb --help` needs neither."""
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = globals()[name] = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)

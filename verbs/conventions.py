@@ -1,8 +1,8 @@
-"""The one place that states units, axes and orders; everything else follows it.
+"""Units, axes and orders that all modules follow, and limits of sizes.
 
 - Right-handed; +Y up, +Z forward, +X to the left of who faces +Z. This is glTF's convention.
-- Metres, seconds, radians. Degrees and centimetres end in :mod:`verbs.io`.
-- Quaternions are (x, y, z, w), unit, local to the parent unless a name says ``global``.
+- Metres, seconds, radians. Files are converted in :mod:`verbs.io`; adverbs keep their unit (:mod:`verbs.units`).
+- Quaternions are (x, y, z, w), unit, local to the parent unless a name contains ``global``.
 - Parents stand before their children; the root is joint 0 and its parent is -1.
 - Batch axes lead: rotations are (..., joints, 4), positions (..., joints, 3).
 """
@@ -41,8 +41,8 @@ METRES_PER_UNIT = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "
 def freeze(instance: DataclassInstance) -> None:
     """Make every array field of a frozen dataclass a read-only, C-contiguous view.
 
-    What is built and what is mapped from a file are then the same kind of arrays. Kernels are compiled per kind, and
-    two compilations may differ in the last bit: one kind gives the same bits for both, and is compiled once.
+    Built arrays and arrays mapped from a file then have the same Numba type. Kernels are compiled per type, and two
+    compilations may differ in the last bit: one type gives the same bits for both, and one compilation.
     """
     for entry in fields(instance):
         value = getattr(instance, entry.name, None)  # a field that is set afterwards has none yet

@@ -1,13 +1,13 @@
-"""Everything that can go wrong in the library, in one tree.
+"""The exceptions of the library, in one tree.
 
 ::
 
     VerbError
-    ├── MotionFileError      a motion file is not what it claims to be (path, line, expected, found)
+    ├── MotionFileError      a motion file is invalid (path, line, expected, found)
     ├── SourceError          a verb source folder or its verb.toml is wrong (path, example, advice)
     ├── SkeletonMismatch     two motions or verbs do not share one skeleton
     ├── IllPosedVerb         the examples do not determine a verb (duplicates, too few, collinear)
-    ├── RequestError         an evaluation was asked for something that it cannot give
+    ├── RequestError         a request that cannot be answered
     │   ├── UnknownName      a verb, adverb, joint, method that does not exist (name, known)
     │   └── OutOfRange       a number that is not finite or not inside its bounds
     └── ArtifactError        a .verb file cannot be used (path)
@@ -42,7 +42,7 @@ class VerbError(Exception):
 
 
 class MotionFileError(VerbError):
-    """A motion file is not what it claims to be.
+    """A motion file is invalid.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class MotionFileError(VerbError):
     line : int or None
         1-based line of the first thing that is wrong.
     expected, found : str
-        What the format asks for there, and what stands there.
+        What the format requires there, and what the file has.
     """
 
     def __init__(self, path: str | Path, line: int | None, expected: str, found: str) -> None:
@@ -61,7 +61,7 @@ class MotionFileError(VerbError):
 
 
 class SourceError(VerbError):
-    """A verb source is wrong; the message names the place and what to do about it."""
+    """A verb source is wrong; the message names the file, the example and what to do."""
 
     def __init__(self, path: str | Path, problem: str, *, example: str | None = None) -> None:
         self.path, self.problem, self.example = str(path), problem, example
@@ -74,11 +74,11 @@ class SkeletonMismatch(VerbError):
 
 
 class IllPosedVerb(VerbError):
-    """The examples do not determine a verb; the message says which ones and what to do."""
+    """The examples do not determine a verb; the message names them and what to do."""
 
 
 class RequestError(VerbError):
-    """An evaluation was asked for something that it cannot give."""
+    """A request that cannot be answered."""
 
 
 class UnknownName(RequestError):

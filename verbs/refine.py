@@ -1,7 +1,8 @@
-"""Refinement: pseudo-examples that make a basis reach what it is asked for, one step at a time.
+"""Refinement: insert pseudo-examples where the error of a basis is largest, one step at a time.
 
-A step finds the worst point p, searches the place p' whose blend reaches p, and inserts at p a pseudo-example with
-the weights of p'. It depends on verb, basis so far and rules alone: a job may stop after any step and go on from there.
+A step finds the point p of largest error, searches the adverbs p' whose blend measures p, and inserts at p a
+pseudo-example with the weights of p'. A step depends only on verb, basis and rules: a job may stop after any step
+and resume.
 
 Source: Rose, Sloan, Cohen 2001, section 4.3; ``docs/math.md``, section "Refinement".
 """
@@ -27,29 +28,29 @@ from verbs.verb import Basis, Chart, Verb
 
 __all__ = ["CHOICES", "Errors", "Mark", "PseudoExample", "Rules", "Step", "refine", "resume", "with_basis"]
 
-CHOICES = {"radii": ("local", "global"), "planes": ("frozen", "refit"), "search": ("either", "place", "weights")}
+CHOICES = {"radii": ("local", "global"), "planes": ("frozen", "refit"), "search": ("either", "adverbs", "weights")}
 """Variants of the paper, by the name of their rule, the default first.
 
 A center keeps its first radius, or all follow their nearest neighbours; planes stay, or are fitted anew; weights come
-from a place p', or from :mod:`verbs.blend.corrected` at p, or (either) from there where no place near p reaches it.
+from adverbs p', or from :mod:`verbs.blend.corrected` at p, or (either) from there where no p' near p meets the goal.
 """
 
 MOST = {"target_error": 10, "max_pseudo": 2_000, "seed": 10**6, "samples": 10**6, "patience": 10**6}
 
 FOUND, USABLE = 1e-9, 1e-6
-"""Residuals as shares of the diagonal: at which a search ends, below which there is no use in refining; and the largest
-of a pseudo-example, for what it misses by is frozen into the basis."""
+"""Residuals as shares of the diagonal: where a search or a refinement ends; and the largest of a pseudo-example, which
+becomes part of the basis."""
 
 NEAR, LONGEST_STEP, FARTHEST = 1e-3, 0.2, 0.6
 """Least distance of a pseudo-example from all centers; longest step of p', and from p; 1 is the examples' range."""
 
 TRIES, ITERATIONS, MAX_CONDITION = 32, 20, 1e8
-"""Points that a step tries, from the worst on; steps of a search; and when a system counts as singular."""
+"""Points that a step tries, from the largest error on; steps of a search; condition of a singular system."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What a refinement goes by.
+    """Parameters of a refinement.
 
     Parameters
     ----------
@@ -58,11 +59,11 @@ class Rules:
     max_pseudo : int
         Number of pseudo-examples at which to stop.
     radii, planes, search : str
-        See :data:`CHOICES`. The paper found, and so did we, that radii and planes work best as they were.
+        See :data:`CHOICES`. As in the paper, radii and planes work best unchanged.
     samples, seed : int
-        Number of random search points (three adverbs and more), and what they are drawn from.
+        Number of random search points (three adverbs and more), and their seed.
     patience : int
-        Steps without a new least largest error after which to stop; 0 never stops for that.
+        Steps without a new minimum of the largest error after which to stop; 0 disables this.
     """
 
     target_error: float = 0.01
@@ -94,7 +95,7 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """What going on needs besides the basis: steps taken, least largest error, steps since then, and why it stopped."""
+    """State of a refinement besides its basis: steps, least largest error, steps since then, and why it stopped."""
 
     number: int
     best: float
@@ -104,20 +105,20 @@ class Mark:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PseudoExample:
-    """Weights at a place, drawn from another.
+    """A pseudo-example: weights for some adverbs.
 
     Parameters
     ----------
-    place : (D,) float64
+    adverbs : (D,) float64
         Adverbs p.
     source : (D,) float64 or None
         Adverbs p'; None where weights were corrected instead.
     weights : (N,) float64
     residual : float
-        Distance from p of what they reach, as a share of the diagonal.
+        Distance of their measured point from p, as a share of the diagonal.
     """
 
-    place: F64
+    adverbs: F64
     source: F64 | None
     weights: F64
     residual: float
@@ -125,7 +126,7 @@ class PseudoExample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """What one step did.
+    """Result of one step.
 
     Parameters
     ----------
@@ -148,20 +149,20 @@ class Step:
 
 
 def refine(verb: Verb, rules: Rules | None = None, *, points: F64 | None = None) -> Iterator[Step]:
-    """Refine a verb's basis ``rbf``; the first step only measures.
+    """Refine a verb's basis ``rbf``; the first step only evaluates the error.
 
     Parameters
     ----------
     verb : Verb
     rules : Rules, optional
     points : (B, D) float64, optional
-        Where the worst is sought. By default a 41-node grid up to two adverbs; above, random points of the domain, from
-        the worst of which the error is climbed.
+        Search points. By default a 41-node grid up to two adverbs; above, random points of the domain; from
+        the worst of them the error is climbed to a local maximum.
 
     Raises
     ------
     RequestError
-        If the verb has style adverbs only, or its radial functions are not compact, or the points are none.
+        If the verb has style adverbs only, its radial functions are not compact, or there are no points.
     """
     return resume(verb, verb.bases["rbf"], Mark(-1, np.inf, 0), rules, points=points)
 
@@ -169,7 +170,7 @@ def refine(verb: Verb, rules: Rules | None = None, *, points: F64 | None = None)
 def resume(
     verb: Verb, basis: Basis, mark: Mark, rules: Rules | None = None, *, points: F64 | None = None
 ) -> Iterator[Step]:
-    """Go on after a step of which basis and mark were kept: the same steps follow as without a break."""
+    """Resume from the basis and mark of a step; the same steps follow as without the interruption."""
     # Read-only arrays of a file compile to kernels of their own, which may round differently: always start from copies.
     arrays = (basis.centers, basis.radii, basis.radial, basis.poly)
     centers, radii, radial, poly = (np.array(array, order="C") for array in arrays)
@@ -178,7 +179,7 @@ def resume(
 
 
 def with_basis(verb: Verb, basis: Basis, rules: Rules, mark: Mark) -> Verb:
-    """The verb with a refined basis, its error at points that the refinement never saw, and what it was made by."""
+    """The verb with a refined basis, its error at held-out points, and the rules in its provenance."""
     goal, rng = Goal.of_verb(verb), np.random.default_rng([rules.seed, 1])  # search points come from [seed, 0]
     adverbs = random_points(verb, rng, int(verb.quality.get("samples", 1_000)))
     weights = basis_weights(basis, adverbs)
@@ -196,16 +197,16 @@ def with_basis(verb: Verb, basis: Basis, rules: Rules, mark: Mark) -> Verb:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ground:
-    """What stays the same from step to step.
+    """Constants of a refinement.
 
     Parameters
     ----------
     scale : (3,) float64
-        |scale ∘ (reached - goal)| is the error as a share of the diagonal; speeds count in shares of their ranges.
+        |scale ∘ (measured - goal)| is the error as a share of the diagonal; speeds count in shares of their ranges.
     adverbs, points, goals : (B, D), (B, D), (B, 3) float64
-        Search points: as adverbs, in the basis's normalised chart coordinates, and what they ask for.
+        Search points: as adverbs, in the basis's normalised chart coordinates, and as goals.
     stride : float
-        First one of the climb from the worst point; 0 for no climb.
+        First step of the climb from the worst point; 0 disables it.
     """
 
     verb: Verb
@@ -222,7 +223,7 @@ class _Ground:
     def of_verb(cls, verb: Verb, basis: Basis, rules: Rules, points: F64 | None) -> _Ground:
         goal, dims, stride = Goal.of_verb(verb), len(verb.adverbs), 0.0
         if not goal.measurable:
-            raise RequestError(f"'{verb.name}' has style adverbs only: there is no error that refining could lower")
+            raise RequestError(f"'{verb.name}' has style adverbs only: there is no error to refine")
         if basis.radial_basis not in radial_basis.COMPACT:
             raise RequestError("refining needs a basis of compact radial functions")
         if points is None and dims > 2:
@@ -238,13 +239,13 @@ class _Ground:
         goals, places = goal.points(adverbs), basis.chart.points(adverbs)
         return cls(verb, rules, goal, correction, scale, adverbs, places, goals, stride)
 
-    def misses(self, basis: Basis, points: F64, goals: F64) -> F64:
-        """Scaled distances (B, 3) from goals (B, 3) of what normalised chart points (B, D) reach."""
+    def residuals(self, basis: Basis, points: F64, goals: F64) -> F64:
+        """Scaled differences (B, 3) between measured points at normalised chart points (B, D) and goals (B, 3)."""
         return np.asarray(self.scale * (self.goal.measured(_weights_at(basis, points)) - goals))
 
     def errors(self, basis: Basis, points: F64, goals: F64) -> F64:
         """Error (B,) at normalised chart points (B, D), as a share of the diagonal."""
-        return np.asarray(np.linalg.norm(self.misses(basis, points, goals), axis=1))
+        return np.asarray(np.linalg.norm(self.residuals(basis, points, goals), axis=1))
 
 
 def _steps(ground: _Ground, basis: Basis, mark: Mark) -> Iterator[Step]:
@@ -262,7 +263,7 @@ def _steps(ground: _Ground, basis: Basis, mark: Mark) -> Iterator[Step]:
 
 
 def _taken(ground: _Ground, mark: Mark, basis: Basis, before: F64, after: F64, drawn: PseudoExample | None) -> Step:
-    """The step after a mark."""
+    """The step that follows a mark."""
     rules, pseudo, largest = ground.rules, len(basis.centers) - len(ground.verb.values), float(after.max())
     idle = 0 if largest < mark.best else mark.idle + 1
     if largest <= max(rules.target_error, FOUND):
@@ -290,7 +291,7 @@ def _nearest(basis: Basis, points: F64) -> F64:
 
 
 def _insert_worst(ground: _Ground, basis: Basis, errors: F64) -> tuple[Basis, PseudoExample | None]:
-    """Basis with a pseudo-example at the worst usable point, and what that was; None where there is none."""
+    """Basis with a pseudo-example at the worst usable point, and that pseudo-example; None where there is none."""
     left = _nearest(basis, ground.points) >= NEAR
     for _ in range(TRIES):
         if not left.any():
@@ -300,7 +301,7 @@ def _insert_worst(ground: _Ground, basis: Basis, errors: F64) -> tuple[Basis, Ps
         larger = None if drawn is None else _insert(basis, drawn, ground.rules)
         if larger is not None:
             return larger, drawn
-        # What cannot be reached cannot be reached close by either: try elsewhere, and come back in a later step.
+        # Neighbours of a point that fails fail too: try elsewhere; a later step may come back.
         apart = np.linalg.norm(ground.points - ground.points[index], axis=1)
         left &= apart > 0.25 * _nearest(basis, ground.points[index])
     return basis, None
@@ -325,55 +326,55 @@ def _climb(ground: _Ground, basis: Basis, index: int, error: float) -> F64:
 
 
 def _drawn(ground: _Ground, basis: Basis, adverbs: F64) -> PseudoExample | None:
-    """A pseudo-example for adverbs (D,); None where no weights are found that reach them."""
-    place, goal = basis.chart.points(adverbs[None]), ground.goal.points(adverbs[None])
+    """A pseudo-example for adverbs (D,); None where no weights meet them."""
+    start, goal = basis.chart.points(adverbs[None]), ground.goal.points(adverbs[None])
     if ground.rules.search != "weights":
-        source, missed = _newton(ground, basis, place[0], goal[0])
-        if missed <= USABLE:
+        source, residual = _newton(ground, basis, start[0], goal[0])
+        if residual <= USABLE:
             there = basis.chart.adverbs(source[None])[0]
-            return PseudoExample(adverbs, there, _weights_at(basis, source[None])[0], missed)
-        if ground.rules.search == "place":
+            return PseudoExample(adverbs, there, _weights_at(basis, source[None])[0], residual)
+        if ground.rules.search == "adverbs":
             return None
-    weights = _weights_at(basis, place)
+    weights = _weights_at(basis, start)
     ground.correction.correct(weights, goal)
-    missed = float(np.linalg.norm(ground.scale * (ground.goal.measured(weights) - goal)))
-    return PseudoExample(adverbs, None, weights[0], missed) if missed <= USABLE else None
+    residual = float(np.linalg.norm(ground.scale * (ground.goal.measured(weights) - goal)))
+    return PseudoExample(adverbs, None, weights[0], residual) if residual <= USABLE else None
 
 
-def _newton(ground: _Ground, basis: Basis, place: F64, goal: F64) -> tuple[F64, float]:
-    """Normalised chart point p' (D,) near ``place`` whose blend reaches a goal (3,), and what it misses it by.
+def _newton(ground: _Ground, basis: Basis, start: F64, goal: F64) -> tuple[F64, float]:
+    """Normalised chart point p' (D,) near ``start`` whose blend meets a goal (3,), and its residual.
 
     Newton's method on measured adverbs alone; each step is a line search, so that the error never grows.
     """
-    free, point = ground.verb.measure.axes, place  # charts bend measured adverbs only: these are their chart axes too
+    free, point = ground.verb.measure.axes, start  # charts bend measured adverbs only: these are their chart axes too
     count, shares = len(free), 0.5 ** np.arange(8.0)[:, None]
     nudges = np.zeros((2 * count, len(point)))
     nudges[np.arange(count), free], nudges[count + np.arange(count), free] = 1e-6, -1e-6
-    missed = ground.misses(basis, point[None], goal)[0]
+    residual = ground.residuals(basis, point[None], goal)[0]
     for _ in range(ITERATIONS):
-        error = np.linalg.norm(missed)
+        error = np.linalg.norm(residual)
         if error <= FOUND:
             break
-        around = ground.misses(basis, point + nudges, goal)
+        around = ground.residuals(basis, point + nudges, goal)
         slopes = (around[:count] - around[count:]).T / 2e-6
         move = np.zeros(len(point))
-        move[free] = np.linalg.lstsq(slopes, -missed, rcond=1e-6)[0]
+        move[free] = np.linalg.lstsq(slopes, -residual, rcond=1e-6)[0]
         move *= min(1.0, LONGEST_STEP / max(float(np.linalg.norm(move)), 1e-12))
         tried = point + shares * move
-        found = ground.misses(basis, tried, goal)
+        found = ground.residuals(basis, tried, goal)
         sizes = np.linalg.norm(found, axis=1)
-        sizes[np.linalg.norm(tried - place, axis=1) > FARTHEST] = np.inf
+        sizes[np.linalg.norm(tried - start, axis=1) > FARTHEST] = np.inf
         k = int(np.argmin(sizes))
         if not sizes[k] < error:
             break
-        point, missed = tried[k], found[k]
-    return point, float(np.linalg.norm(missed))
+        point, residual = tried[k], found[k]
+    return point, float(np.linalg.norm(residual))
 
 
 def _insert(basis: Basis, drawn: PseudoExample, rules: Rules) -> Basis | None:
-    """Basis with a pseudo-example more, exact at all centers; None where its system would be nearly singular."""
-    centers = np.concatenate([basis.centers, basis.chart.points(drawn.place[None])])
-    # What older pseudo-examples are to give is what they do give: a basis needs no memory of its targets.
+    """Basis with one more pseudo-example, exact at all centers; None where its system is nearly singular."""
+    centers = np.concatenate([basis.centers, basis.chart.points(drawn.adverbs[None])])
+    # Older pseudo-examples keep the weights that they give now: the basis needs no record of its targets.
     targets = np.concatenate([_weights_at(basis, basis.centers), drawn.weights[None]])
     targets[: targets.shape[1]] = np.eye(targets.shape[1])
     radii = np.append(basis.radii, _nearest(basis, centers[-1]))

@@ -99,5 +99,5 @@ class Skeleton:
         gaps = np.abs(self.offsets - other.offsets).max(axis=1)
         if gaps.max() > tolerance_m:
             joint = int(np.argmax(gaps))
-            return f"places joint '{self.names[joint]}' {gaps[joint] * 1000:.1f} mm elsewhere in its parent"
+            return f"has joint '{self.names[joint]}' at an offset that differs by {gaps[joint] * 1000:.1f} mm"
         return None

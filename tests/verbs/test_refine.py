@@ -99,7 +99,7 @@ def test_refitting_planes_alone_changes_little():
 
 
 def test_places_alone_get_stuck_where_the_map_folds():
-    places = steps("reach", 40, search="place")[-1]
+    places = steps("reach", 40, search="adverbs")[-1]
     assert places.mark.stopped == "no usable point left"
     assert places.after.largest > 1.5 * steps("reach", 120)[places.pseudo].after.largest
 
@@ -117,7 +117,7 @@ def test_weights_are_exact_at_all_centers(name, changes):
     basis, goal, count = taken[-1].basis, Goal.of_verb(verb), len(verb.values)
     assert np.allclose(basis_weights(basis, verb.values), np.eye(count), atol=1e-12)
     drawn = [step.drawn for step in taken[1:]]
-    places = np.array([one.place for one in drawn])
+    places = np.array([one.adverbs for one in drawn])
     weights = basis_weights(basis, places)
     assert np.allclose(weights, [one.weights for one in drawn], atol=1e-11)
     assert np.allclose(weights.sum(axis=1), 1.0, atol=1e-11)
@@ -134,7 +134,7 @@ def test_first_pseudo_example_is_at_the_worst_point():
     points = accuracy_points(verb).adverbs
     goal = Goal.of_verb(verb)
     error = goal.compare(points, goal.measured(basis_weights(verb.bases["rbf"], points)))[1]
-    assert np.array_equal(first.drawn.place, points[np.argmax(error)])
+    assert np.array_equal(first.drawn.adverbs, points[np.argmax(error)])
     assert first.before.largest == pytest.approx(error.max() / diagonal(verb), rel=1e-12)
 
 
@@ -202,7 +202,7 @@ def test_it_says_why_it_stops():
 def test_no_point_is_used_twice():
     few = random_points(load("arm3"), np.random.default_rng(3), 10)
     taken = list(refine(load("arm3"), FOREVER, points=few))
-    places = [step.drawn.place for step in taken if step.drawn is not None]
+    places = [step.drawn.adverbs for step in taken if step.drawn is not None]
     assert len(np.unique(places, axis=0)) == len(places) <= 10
     assert taken[-1].after.largest < 1e-6
 
@@ -228,7 +228,7 @@ def test_real_captures_are_refined(name, verb_of):
     verb = verb_of(name)
     taken = list(refine(verb, replace(FOREVER, max_pseudo=6, samples=500)))
     assert taken[-1].after.mean < 0.9 * taken[0].after.mean
-    places = np.array([step.drawn.place for step in taken[1:]])
+    places = np.array([step.drawn.adverbs for step in taken[1:]])
     goal = Goal.of_verb(verb)
     error = goal.compare(places, goal.measured(basis_weights(taken[-1].basis, places)))[1]
     assert error.max() < 1e-5
@@ -255,10 +255,10 @@ def test_style_is_held_while_the_rest_is_searched():
         domain=bases.domain_of(chart, values),
         bases={"rbf": bases.cardinal(chart, values), "smooth": bases.smooth(chart, values)},
     )
-    taken = list(refine(styled, replace(FOREVER, max_pseudo=15, samples=300, search="place")))
+    taken = list(refine(styled, replace(FOREVER, max_pseudo=15, samples=300, search="adverbs")))
     assert taken[-1].pseudo == 15
     for step in taken[1:]:
-        assert step.drawn.source[2] == pytest.approx(step.drawn.place[2], abs=1e-12)
+        assert step.drawn.source[2] == pytest.approx(step.drawn.adverbs[2], abs=1e-12)
     assert taken[-1].after.mean < 0.7 * taken[0].after.mean
 
 
@@ -280,7 +280,7 @@ def test_unbounded_radial_functions_are_refused():
     [
         ({"radii": "round"}, UnknownName, "unknown radii 'round'; known: local, global"),
         ({"planes": "x"}, UnknownName, "known: frozen, refit"),
-        ({"search": "x"}, UnknownName, "known: either, place, weights"),
+        ({"search": "x"}, UnknownName, "known: either, adverbs, weights"),
         ({"max_pseudo": -1}, OutOfRange, "max_pseudo is -1; it must lie between 0 and 2000"),
         ({"samples": 0}, OutOfRange, "samples is 0; it must lie between 1"),
         ({"target_error": float("nan")}, OutOfRange, "target_error is nan"),
@@ -299,5 +299,5 @@ def test_search_points_must_be_points(points):
 
 def test_places_lie_inside_the_domain():
     verb = load("reach")
-    places = verb.domain.chart.points(np.array([step.drawn.place for step in steps("reach", 120)[1:]]))
+    places = verb.domain.chart.points(np.array([step.drawn.adverbs for step in steps("reach", 120)[1:]]))
     assert ((places - verb.domain.middle) @ verb.domain.facets.T).max() <= 1.0 + 1e-6

@@ -93,7 +93,7 @@ def test_a_skeleton_does_not_differ_from_itself_or_from_its_rounding():
         ({"names": NAMES[:4], "parents": PARENTS[:4], "offsets": OFFSETS[:4]}, "lacks LeftFoot"),
         ({"names": ("Hips", "Head", "Spine", "LeftLeg", "LeftFoot")}, "has the same joints in another order"),
         ({"parents": np.array([-1, 0, 1, 1, 3])}, "gives joint 'LeftLeg' another parent"),
-        ({"offsets": OFFSETS * [1, 1.01, 1]}, "places joint 'LeftFoot' 8.0 mm elsewhere in its parent"),
+        ({"offsets": OFFSETS * [1, 1.01, 1]}, "has joint 'LeftFoot' at an offset that differs by 8.0 mm"),
     ],
 )
 def test_a_difference_is_named(arguments, difference):

@@ -1,4 +1,4 @@
-"""The apex of a jump: a keytime that the build adds, so that the height is a smooth function of the weights.
+"""The apex of a jump: a keytime that the build adds, which makes the height a smooth function of the weights.
 
 Without it the height is a maximum over time, which has kinks where two instants compete; with it every example is at
 its highest at one phase, and the height is the difference of two blended positions.
@@ -44,5 +44,5 @@ def mark(source: Source, motions: list[Motion], keytimes: F64) -> tuple[Source, 
 
 def _highest(height: CubicSpline, start: float, end: float) -> float:
     """Time of the greatest height between two times, seconds."""
-    turns = [time for time in height.derivative().roots(extrapolate=False) if start < time < end]
-    return float(max([start, end, *turns], key=height))
+    extrema = [time for time in height.derivative().roots(extrapolate=False) if start < time < end]
+    return float(max([start, end, *extrema], key=height))

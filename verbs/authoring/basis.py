@@ -19,7 +19,7 @@ from verbs.verb import Basis, Chart, Domain
 __all__ = ["cardinal", "chart_of", "domain_of"]
 
 HULL_DIMENSIONS = 6
-"""Above this a convex hull has too many facets to be of use; the domain is the bounding box instead."""
+"""Above this a convex hull has too many facets; the domain is the bounding box instead."""
 
 SMOOTH_SHARE = 0.2
 """The multiquadric's c in median nearest-neighbour distances; see ``docs/math.md``, "Kernel and chart"."""
@@ -42,8 +42,8 @@ def chart_of(
     """
     dims = values.shape[1]
     where = _FREE_AXES if axes is None else np.asarray(axes, np.int64)
-    turn = np.zeros(4) if bend is None else bend
-    plain = Chart(kind, where, turn, np.zeros(dims), np.ones(dims))
+    bend = np.zeros(4) if bend is None else bend
+    plain = Chart(kind, where, bend, np.zeros(dims), np.ones(dims))
     bent = plain.points(values)
     if kind == charts.PLANAR:  # a direction becomes a coordinate like the distance
         units = tuple(units[where[0]] if k == where[1] else unit for k, unit in enumerate(units))
@@ -52,7 +52,7 @@ def chart_of(
     if len({dimension(unit) for unit in units}) == 1:
         factors = np.array([si(unit) for unit in units])
         span = (factors * span).max() / factors
-    return Chart(kind, where, turn, 0.5 * (low + high), 1.0 / np.where(span > 0, span, 1.0))
+    return Chart(kind, where, bend, 0.5 * (low + high), 1.0 / np.where(span > 0, span, 1.0))
 
 
 def domain_of(chart: Chart, values: F64) -> Domain:
@@ -66,7 +66,7 @@ def domain_of(chart: Chart, values: F64) -> Domain:
     else:
         try:
             hull = ConvexHull(points)
-        except QhullError as err:  # check_spread has refused flat sets, so this is a set that is nearly flat
+        except QhullError as err:  # _check_spread refuses flat sets: this one is nearly flat
             raise IllPosedVerb("the examples lie almost in one plane of the adverb space; spread them out") from err
         middle = points[hull.vertices].mean(axis=0)
         # Qhull splits a facet with many corners into simplices that share one plane: keep each plane once.
@@ -112,7 +112,7 @@ def cardinal(
         first, second = np.unravel_index(np.argmin(nearest), nearest.shape)
         pair = [names[k] if names else str(k) for k in (first, second)]
         raise IllPosedVerb(
-            f"examples '{pair[0]}' and '{pair[1]}' have the same adverbs; leave one out, or tell them apart"
+            f"examples '{pair[0]}' and '{pair[1]}' have the same adverbs; leave one out, or add an adverb that differs"
         )
     sizes = nearest.min(axis=1) if radii is None else radii
     system = radial_basis.radial_matrix(function, points, points, sizes)

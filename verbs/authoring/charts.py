@@ -1,4 +1,4 @@
-"""Which chart a verb's adverbs live in, and why.
+"""Choice of the chart of a verb's domain.
 
 The rule was chosen on some verbs and checked on others; ``docs/math.md``, "Kernel and chart", has the figures.
 """
@@ -19,24 +19,24 @@ from verbs.verb import Chart, Measure
 __all__ = ["choose", "plain"]
 
 SPAN = np.radians(120.0)
-"""Examples that surround the start by more than this have a hull that holds the body itself."""
+"""Examples that span more than this about the start have a hull that contains the body."""
 
 LEAST_GAP = np.radians(45.0)
-"""A cylinder needs somewhere to be cut."""
+"""Least gap between examples at which a cylinder can be cut."""
 
 
 def plain(source: Source, measure: Measure, values: F64) -> Chart:
-    """Chart of the paper's basis: the adverbs as they are, a jump's direction on its circle."""
+    """Chart of the paper's basis: the adverbs as they are, a jump's direction on a circle."""
     units = tuple(adverb.unit for adverb in source.adverbs)
     if measure.kind == measures.JUMP:
-        turn = measure.frame[1, 1]
-        bend = np.array([0.0 if turn == 1.0 else turn, 0.0, 0.0, 0.0])
+        radians = measure.frame[1, 1]
+        bend = np.array([0.0 if radians == 1.0 else radians, 0.0, 0.0, 0.0])
         return basis.chart_of(values, units, kind=charts.PLANAR, axes=measure.axes, bend=bend)
     return basis.chart_of(values, units)
 
 
 def choose(source: Source, measure: Measure, values: F64, *, start: F64) -> tuple[Chart, str]:
-    """Chart of the domain and of smooth weights, and a sentence that says why.
+    """Chart of the domain and of smooth weights, and the reason as a sentence.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def choose(source: Source, measure: Measure, values: F64, *, start: F64) -> tupl
     Raises
     ------
     SourceError
-        If the source wants a cylinder that cannot be had, or the adverbs that bend have different units.
+        If the source sets a cylinder that is not possible, or the adverbs that bend have different units.
     """
     if measure.kind == measures.JUMP:
         return plain(source, measure, values), "planar: a direction lives on its circle"

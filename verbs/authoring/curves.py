@@ -1,4 +1,4 @@
-"""Motions to canonical curves: heading, time-warp, hemispheres, spline coefficients.
+"""Convert motions to canonical curves: heading, time-warp, hemispheres, spline coefficients.
 
 Source: Rose, Sloan, Cohen 2001, section 3 (keytimes, common time frame); the forms are those of ``docs/math.md``.
 """
@@ -27,7 +27,7 @@ TURN_LIMIT_RAD = np.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
-    """What :func:`fit` returns; arrays as in :class:`verbs.Verb`, and warnings for the report."""
+    """Fitted curves; arrays as in :class:`verbs.Verb`, and warnings for the report."""
 
     curves: F32
     references: F64
@@ -38,11 +38,11 @@ class Curves:
 def canonical_phases(keytimes: F64, rate_hz: float) -> tuple[F64, int]:
     """Phases (M,) of the keytimes and the number of intervals K, so that each phase is a multiple of 1/K.
 
-    The phase of a keytime is the mean over examples of its place in the motion. K is the least number that gives
+    The phase of a keytime is the mean over examples of its share of the motion. K is the least number that gives
     every example ``rate_hz`` samples per second in every segment.
     """
-    places = (keytimes - keytimes[:, :1]) / (keytimes[:, -1:] - keytimes[:, :1])
-    mean = places.mean(axis=0)
+    shares = (keytimes - keytimes[:, :1]) / (keytimes[:, -1:] - keytimes[:, :1])
+    mean = shares.mean(axis=0)
     needed = np.diff(keytimes, axis=1).max(axis=0) * rate_hz / np.diff(mean)
     count = max(int(np.ceil(needed.max())), 2 * len(mean))
     if count >= MAX_KEYS:
@@ -94,15 +94,15 @@ def fit(
     """
     grid = np.arange(intervals + 1) / intervals
     striding = root_motion == poses.STRIDE
-    resample = _stride if striding else _place
+    resample = _stride if striding else _absolute
     resampled, warnings = [], []
     for name, motion, marks in zip(names, motions, keytimes, strict=True):
         times = np.clip(warp(marks, phases, grid, looping=looping), 0.0, motion.duration_s)
         resampled.append(resample(motion, times))
         if looping:
             warnings += _seam(name, motion)
-    roots, turns, strides = (np.array(part) for part in zip(*resampled, strict=True))
-    rows, references, more = _rows(turns, names, motions[0], rotation_mode)
+    roots, rotations, strides = (np.array(part) for part in zip(*resampled, strict=True))
+    rows, references, more = _rows(rotations, names, motions[0], rotation_mode)
     samples = np.zeros((intervals + 1, len(motions), 4 + rows.shape[2] * 4))
     samples[:, :, :3] = roots.transpose(1, 0, 2)
     samples[:, :, 4:] = rows.transpose(1, 0, 2, 3).reshape(intervals + 1, len(motions), -1)
@@ -118,14 +118,14 @@ def warp(marks: F64, phases: F64, grid: F64, *, looping: bool) -> F64:
 
 
 def _spline(frames: F64, values: F64, times: F64, *, bend: str = "not-a-knot") -> F64:
-    """Values (F, …) at frames (F,), interpolated at ``times`` by a cubic spline; by a line where frames are too few."""
+    """Values (F, …) at frames (F,), interpolated at ``times`` by a cubic spline, or linearly below 3 frames."""
     if len(frames) < 3:
         flat = values.reshape(len(frames), -1)
         return np.stack([np.interp(times, frames, column) for column in flat.T], axis=-1).reshape(-1, *values.shape[1:])
     return np.asarray(CubicSpline(frames, values, bc_type=bend)(times))
 
 
-def _place(motion: Motion, times: F64) -> tuple[F64, F64, F64]:
+def _absolute(motion: Motion, times: F64) -> tuple[F64, F64, F64]:
     """Root (K + 1, 3), rotations (K + 1, J, 4) and no steps (0, 3) of a motion at ``times`` (K + 1,)."""
     frames = np.arange(len(motion)) / motion.fps
     rotations = _spline(frames, quat.unroll(motion.rotations), times)
@@ -135,11 +135,11 @@ def _place(motion: Motion, times: F64) -> tuple[F64, F64, F64]:
 def _stride(motion: Motion, times: F64) -> tuple[F64, F64, F64]:
     """Root heights, rotations without heading and steps (K, 3) of one cycle at ``times`` (K + 1,).
 
-    The heading turns at the cycle's mean rate; steps are taken in the frame of the heading halfway through them.
+    The heading rotates at the cycle's mean rate; steps are taken in the frame of the heading halfway through them.
     """
     frames = np.arange(len(motion)) / motion.fps
     rotations = quat.unroll(motion.rotations)
-    rate = _turned(rotations[:, 0]) / frames[-1]
+    rate = _heading_change(rotations[:, 0]) / frames[-1]
     rotations[:, 0] = quat.mul(_about_vertical(-rate * frames), rotations[:, 0])
     rotations, height = _closed(rotations), _closed(motion.root[:, 1])
     heading = rate * times
@@ -148,18 +148,18 @@ def _stride(motion: Motion, times: F64) -> tuple[F64, F64, F64]:
     steps = [x * np.cos(mid) - z * np.sin(mid), x * np.sin(mid) + z * np.cos(mid), np.diff(heading)]
     root = np.zeros((len(times), 3))
     root[:, 1] = _spline(frames, height, times, bend="periodic")
-    turns = quat.normalize(_spline(frames, rotations, times, bend="periodic"))
-    return root, turns, np.stack(steps, axis=-1)
+    rotations = quat.normalize(_spline(frames, rotations, times, bend="periodic"))
+    return root, rotations, np.stack(steps, axis=-1)
 
 
-def _turned(rotations: F64) -> float:
-    """Turn about the vertical, radians, from the first to the last of root rotations (F, 4), full turns counted."""
+def _heading_change(rotations: F64) -> float:
+    """Change of heading, radians, from the first to the last root rotation (F, 4); full revolutions count."""
     yaw = 2.0 * np.unwrap(np.arctan2(rotations[:, 1], rotations[:, 3]))
     return float(yaw[-1] - yaw[0])
 
 
 def _about_vertical(angles: F64) -> F64:
-    """Quaternions (F, 4) of turns about +Y by angles (F,)."""
+    """Quaternions (F, 4) of rotations about +Y by angles (F,)."""
     zero = np.zeros_like(angles)
     return np.stack([zero, np.sin(0.5 * angles), zero, np.cos(0.5 * angles)], axis=-1)
 
@@ -167,7 +167,7 @@ def _about_vertical(angles: F64) -> F64:
 def _closed(cycle: F64) -> F64:
     """Values (F, …) of a cycle with the last made equal to the first.
 
-    What files round away (up to 0.001) is dropped from the last frame; a larger gap is spread over the cycle.
+    Rounding errors of files (up to 0.001) are dropped from the last frame; a larger gap is spread over the cycle.
     """
     last = quat.align(cycle[-1], cycle[0]) if cycle.ndim == 3 else cycle[-1]
     gap = cycle[0] - last
@@ -179,10 +179,10 @@ def _closed(cycle: F64) -> F64:
 
 
 def _seam(name: str, motion: Motion) -> list[str]:
-    """Say where a cycle does not close: its last frame should be the first, moved and turned."""
-    turn = _about_vertical(np.array([-_turned(quat.unroll(motion.rotations[:, 0]))]))[0]
+    """Warning where a cycle does not close: its last frame should be the first, moved and rotated."""
+    back = _about_vertical(np.array([-_heading_change(quat.unroll(motion.rotations[:, 0]))]))[0]
     last = motion.rotations[-1].copy()
-    last[0] = quat.mul(turn, last[0])
+    last[0] = quat.mul(back, last[0])
     gaps = np.linalg.norm(quat.log(quat.mul(quat.conjugate(motion.rotations[0]), last)), axis=-1)
     joint, drop = int(np.argmax(gaps)), motion.root[-1, 1] - motion.root[0, 1]
     if gaps[joint] < np.radians(2.0) and abs(drop) < 0.01:
@@ -194,43 +194,41 @@ def _seam(name: str, motion: Motion) -> list[str]:
     ]
 
 
-def _rows(turns: F64, names: list[str], motion: Motion, mode: int) -> tuple[F64, F64, list[str]]:
+def _rows(rotations: F64, names: list[str], motion: Motion, mode: int) -> tuple[F64, F64, list[str]]:
     """Rows to blend (N, K + 1, J, 4), references (J, 4), warnings; from rotations (N, K + 1, J, 4)."""
     joints = motion.skeleton.names
-    turns = np.stack([quat.unroll(one) for one in turns])
-    references = quat.principal(turns.reshape(-1, len(joints), 4))
+    rotations = np.stack([quat.unroll(one) for one in rotations])
+    references = quat.principal(rotations.reshape(-1, len(joints), 4))
     # Signs must be continuous in time within an example and agree between examples at each instant: the mean of an
     # instant is unrolled over time, and each example takes the sign that agrees with it most of the time.
-    means = quat.unroll(quat.principal(turns))
-    agreement = np.einsum("nkja,kja->nj", turns, means)
-    turns = turns * np.where(agreement < 0, -1.0, 1.0)[:, None, :, None]
+    means = quat.unroll(quat.principal(rotations))
+    agreement = np.einsum("nkja,kja->nj", rotations, means)
+    rotations = rotations * np.where(agreement < 0, -1.0, 1.0)[:, None, :, None]
     if mode == poses.ROTATION_VECTOR:
-        vectors = quat.log(quat.mul(quat.conjugate(references), turns))
+        vectors = quat.log(quat.mul(quat.conjugate(references), rotations))
         jumps = np.abs(np.diff(vectors, axis=1)).max(axis=(1, 3))
         if jumps.max() > 0.5 * np.pi:
             example, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
             raise IllPosedVerb(
-                f"example '{names[example]}' turns joint '{joints[joint]}' over half a turn from the mean; "
+                f"example '{names[example]}' rotates joint '{joints[joint]}' by more than 180° from the mean; "
                 'rotation vectors cannot blend that: use rotations = "quaternion"'
             )
         return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 1))], axis=-1), references, []
-    dots = np.einsum("nkja,kja->nkj", turns, means).min(axis=1)
+    dots = np.einsum("nkja,kja->nkj", rotations, means).min(axis=1)
     apart = 2.0 * np.arccos(np.clip(dots, -1.0, 1.0))
     example, joint = np.unravel_index(np.argmax(apart), apart.shape)
-    where = (
-        f"example '{names[example]}' turns joint '{joints[joint]}' {np.degrees(apart.max()):.0f}° away from the mean"
-    )
+    where = f"example '{names[example]}' rotates joint '{joints[joint]}' {np.degrees(apart.max()):.0f}° from the mean"
     if apart.max() >= TURN_LIMIT_RAD:
         raise IllPosedVerb(f"{where}; blends need less than 180°: check its keytimes, or leave it out")
     far = [f"{where}; blends with it may look odd"] if apart.max() > 0.5 * np.pi else []
-    return turns, references, far
+    return rotations, references, far
 
 
 def _coefficients(samples: F64, *, looping: bool) -> F32:
     """Uniform cubic B-spline coefficients (K + 3, …) that pass through samples (K + 1, …)."""
     count = len(samples) - 1
     if looping:
-        samples[-1] = samples[0]  # equal already but for rounding, which a periodic spline does not forgive
+        samples[-1] = samples[0]  # equal up to rounding; a periodic spline needs them equal
     spline = CubicSpline(np.arange(count + 1), samples, bc_type="periodic" if looping else "not-a-knot")
     inner = samples - spline(np.arange(count + 1), 2) / 6.0
     first = 6.0 * samples[0] - 4.0 * inner[0] - inner[1]

@@ -1,4 +1,4 @@
-"""Examples and their description in, a verb out. Slow, checked, and the same bytes for the same source.
+"""Build a verb from its source folder: checked, and the same bytes for the same source.
 
 Stages: read → check → align and warp → fit curves → solve the basis → measure.
 """
@@ -41,7 +41,7 @@ ADVERB_TOLERANCE = 0.005
 QUALITY_POINTS = 1_000
 
 IN_PLACE_M = 0.15
-"""A jump shorter than this has no direction to speak of."""
+"""A jump shorter than this does not count for the range of directions."""
 
 NEAR_DUPLICATE = 1e-9
 
@@ -51,7 +51,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Built:
-    """A verb and what its builder should know.
+    """A built verb, with warnings.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     SourceError, MotionFileError, SkeletonMismatch, IllPosedVerb
         Naming the example and what to do.
     """
-    say = progress or (lambda stage, done, total: None)
+    report = progress or (lambda stage, done, total: None)
     source = read(folder)
-    motions, digests = _read_motions(source, say)
+    motions, digests = _read_motions(source, report)
     keytimes = np.array([_checked_keytimes(source, e, m) for e, m in zip(source.examples, motions, strict=True)])
     source, keytimes = apex.mark(source, motions, keytimes)
-    say("fitting curves", 0, 1)
+    report("fitting curves", 0, 1)
     names = [example.name for example in source.examples]
     root_motion = poses.STRIDE if source.looping else poses.ABSOLUTE
     mode = poses.ROTATION_VECTOR if source.rotations == "rotation_vector" else poses.NLERP
@@ -95,17 +95,17 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
         root_motion=root_motion,
         rotation_mode=mode,
     )
-    say("fitting curves", 1, 1)
-    say("solving the basis", 0, 1)
+    report("fitting curves", 1, 1)
+    report("solving the basis", 0, 1)
     stored = np.array([example.values for example in source.examples])
     draft = _draft(source, motions[0], keytimes - keytimes[:, :1], phases, fitted, stored, root_motion, mode)
     values, warnings, worst = _measured_values(draft, stored)
     fields, reason = _bases(source, draft, values)
     verb = replace(draft, values=values, adverbs=_ranges(draft.adverbs, draft.measure, values), **fields)
-    say("solving the basis", 1, 1)
-    say("measuring", 0, 1)
+    report("solving the basis", 1, 1)
+    report("quality", 0, 1)
     quality = {"chart_reason": reason, **_quality(verb, motions, keytimes)}
-    say("measuring", 1, 1)
+    report("quality", 1, 1)
     provenance = {
         "source": source.provenance,
         "files": {example.file.name: digest for example, digest in zip(source.examples, digests, strict=True)},
@@ -117,11 +117,11 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     )
 
 
-def _read_motions(source: Source, say: Progress) -> tuple[list[Motion], list[str]]:
+def _read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[str]]:
     motions: list[Motion] = []
     digests: list[str] = []
     for k, example in enumerate(source.examples):
-        say("reading motions", k, len(source.examples))
+        report("reading motions", k, len(source.examples))
         if not example.file.is_file():
             raise SourceError(source.path, f"its file '{example.file.name}' does not exist", example=example.name)
         try:
@@ -143,7 +143,7 @@ def _read_motions(source: Source, say: Progress) -> tuple[list[Motion], list[str
             )
         motions.append(motion)
         digests.append(hashlib.sha256(example.file.read_bytes()).hexdigest())
-    say("reading motions", len(source.examples), len(source.examples))
+    report("reading motions", len(source.examples), len(source.examples))
     return motions, digests
 
 
@@ -220,12 +220,12 @@ def _check_duplicates(chart: Chart, values: F64, names: tuple[str, ...]) -> None
             if np.linalg.norm(points[first] - points[second]) < NEAR_DUPLICATE:
                 raise IllPosedVerb(
                     f"examples '{names[first]}' and '{names[second]}' have the same adverbs {values[first].tolist()}; "
-                    "leave one out, or tell them apart by another adverb"
+                    "leave one out, or add an adverb that differs"
                 )
 
 
 def _check_spread(chart: Chart, values: F64, adverbs: tuple[str, ...]) -> None:
-    """Refuse examples that do not span the adverb space, naming what they fail to vary."""
+    """Refuse examples that do not span the adverb space, naming the adverbs that do not vary."""
     points = chart.points(values)
     centred = points - points.mean(axis=0)
     _, sizes, directions = np.linalg.svd(centred, full_matrices=True)
@@ -239,7 +239,7 @@ def _check_spread(chart: Chart, values: F64, adverbs: tuple[str, ...]) -> None:
             f"adverb '{constant[0]}' has the same value in all {len(values)} examples; vary it, or leave it out"
         )
     tied = [name for name, share in zip(adverbs, np.abs(directions[-1]), strict=True) if share > 0.1]
-    shape = "one line" if rank == 1 else f"a flat sheet of {rank} dimensions"
+    shape = "one line" if rank == 1 else f"a plane of {rank} dimensions"
     raise IllPosedVerb(
         f"the {len(values)} examples lie on {shape} of the {dims}-dimensional adverb space "
         f"({' and '.join(tied)} change together); add examples off it (at least {dims + 1} in all), or drop an adverb"
@@ -261,13 +261,13 @@ def _ranges(adverbs: tuple[Adverb, ...], measure: Measure, values: F64) -> tuple
 
 
 def _measured_values(draft: Verb, stored: F64) -> tuple[F64, list[str], str]:
-    """Adverbs as measured on the stored curves; warnings where the source says otherwise; the worst of them."""
+    """Adverbs as measured on the stored curves; warnings where the stored ones differ; the largest difference."""
     goal = Goal.of_verb(draft)
     if not goal.measurable:
         return stored, [], ""
-    reached = goal.measured(np.eye(len(stored)))
+    points = goal.measured(np.eye(len(stored)))
     values = stored.copy()
-    values[:, draft.measure.axes], gaps = goal.compare(stored, reached)
+    values[:, draft.measure.axes], gaps = goal.compare(stored, points)
     lines = []
     for name, given, found, gap in zip(draft.examples, stored, values, gaps, strict=True):
         pairs = (_stored_and_measured(draft.adverbs[a], given[a], found[a]) for a in draft.measure.axes)
@@ -287,7 +287,7 @@ def _stored_and_measured(adverb: Adverb, given: float, found: float) -> str:
 
 
 def _bases(source: Source, draft: Verb, values: F64) -> tuple[dict[str, Any], str]:
-    """Domain and bases of the measured adverbs, as fields of a verb, and why the domain's chart is what it is."""
+    """Domain and bases of the measured adverbs, as fields of a verb, and the reason for the domain's chart."""
     plain = charts.plain(source, draft.measure, values)
     _check_duplicates(plain, values, draft.examples)
     chart, reason = charts.choose(source, draft.measure, values, start=draft.curves[1, :, :3].mean(axis=0))
@@ -298,7 +298,7 @@ def _bases(source: Source, draft: Verb, values: F64) -> tuple[dict[str, Any], st
 
 
 def _quality(verb: Verb, motions: list[Motion], keytimes: F64) -> dict[str, Any]:
-    """Figures that the artifact carries: error at the examples, of the curves, and inside the domain."""
+    """Quality stored in the artifact: error at the examples, of the curves, and inside the domain."""
     evaluator = Evaluator(verb)
     quality: dict[str, Any] = {
         "domain": describe(verb),
@@ -340,17 +340,17 @@ def _curve_error(evaluator: Evaluator, motions: list[Motion], keytimes: F64) -> 
         blend = evaluator.measure("example", unit, verb.values[i : i + 1], np.zeros(1, bool))
         shown = evaluator.pose_of(blend, time_s=np.clip(times[kept], 0.0, None))
         _, found = evaluator.positions(shown)
-        true_root, true_turns = motion.root[kept], motion.rotations[kept]
-        turns, places = np.empty_like(true_turns), np.empty((len(true_root), len(verb.skeleton), 3))
+        true_root, true_rotations = motion.root[kept], motion.rotations[kept]
+        global_rotations, positions = np.empty_like(true_rotations), np.empty((len(true_root), len(verb.skeleton), 3))
         poses.forward(
             np.ascontiguousarray(true_root),
-            np.ascontiguousarray(true_turns),
+            np.ascontiguousarray(true_rotations),
             verb.skeleton.parents,
             verb.skeleton.offsets,
-            turns,
-            places,
+            global_rotations,
+            positions,
         )
         if verb.looping:  # a loop starts at the origin; the file may start elsewhere
-            places = places - np.array([motion.root[0, 0], 0.0, motion.root[0, 2]])
-        worst = max(worst, float(np.linalg.norm(found - places, axis=-1).max()))
+            positions = positions - np.array([motion.root[0, 0], 0.0, motion.root[0, 2]])
+        worst = max(worst, float(np.linalg.norm(found - positions, axis=-1).max()))
     return worst

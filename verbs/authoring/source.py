@@ -1,6 +1,6 @@
 """A verb source: a folder with ``verb.toml`` and one motion file per example, read and checked.
 
-What the folder says is checked here; whether the motions fit together is checked where they are aligned.
+The folder alone is checked here; whether the motions fit together is checked by :mod:`verbs.authoring.fit`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _CLOSE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class SourceAdverb:
-    """One ``[[adverb]]``: name, unit, description, and whether it is a matter of style."""
+    """One ``[[adverb]]``: name, unit, description, and whether it is a style adverb."""
 
     name: str
     unit: str
@@ -70,7 +70,7 @@ class SourceExample:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What ``verb.toml`` says, checked.
+    """A checked ``verb.toml``.
 
     ``goal`` is empty, or an origin and one axis per measured adverb, three numbers each: where the adverbs of a sheet
     lie in space. ``provenance`` keeps every key that has no meaning here; ``warnings`` name likely misspellings.
@@ -138,7 +138,7 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
     adverbs = tuple(_adverb(reader, row, k) for k, row in enumerate(reader.tables(table, "adverb", MAX_ADVERBS)))
     names = [adverb.name for adverb in adverbs]
     if len(set(names)) != len(names):
-        raise SourceError(path, f"two adverbs have one name among {', '.join(names)}; give each its own")
+        raise SourceError(path, f"two adverbs have the same name among {', '.join(names)}; give each its own")
     keytime_names = reader.names(table, "keytime_names")
     rows = reader.tables(table, "example", MAX_EXAMPLES)
     examples = tuple(_example(reader, row, k, len(names), keytime_names) for k, row in enumerate(rows))
@@ -225,7 +225,7 @@ class _Reader:
                 self.path, f"{key} must list 2 to {MAX_KEYTIMES} names, the first and last instant included"
             )
         if len(set(values)) != len(values):
-            raise SourceError(self.path, f"{key} names one instant twice: {', '.join(values)}")
+            raise SourceError(self.path, f"{key} repeats a name: {', '.join(values)}")
         return tuple(values)
 
     def tables(self, table: Mapping[str, Any], key: str, most: int) -> list[dict[str, Any]]:
@@ -257,14 +257,14 @@ class _Reader:
         return tuple(float(value) for value in values)
 
 
-_KIND_NAMES: dict[type, str] = {str: "a text", bool: "true or false", int: "a whole number", list: "a list"}
+_KIND_NAMES: dict[type, str] = {str: "a string", bool: "true or false", int: "an integer", list: "a list"}
 
 
 def _adverb(reader: _Reader, row: dict[str, Any], index: int) -> SourceAdverb:
     name = reader.text(row, "name", default="")
     if not name.isidentifier() or len(name) > 63:
         raise SourceError(
-            reader.path, f"adverb {index} is called '{name}'; use letters, digits and '_', no digit first"
+            reader.path, f"adverb {index} has the name '{name}'; use letters, digits and '_', no digit first"
         )
     unit = reader.text(row, "unit", default="")
     if unit and unit not in units.KNOWN:
@@ -309,7 +309,7 @@ def _check_examples(path: Path, examples: tuple[SourceExample, ...]) -> None:
     for example in examples:
         if example.name in seen:
             raise SourceError(
-                path, "two examples use one file name; give each motion its own file", example=example.name
+                path, "two examples have the same file name; give each motion its own file", example=example.name
             )
         seen.add(example.name)
 

@@ -30,8 +30,8 @@ def build_command(
     from verbs.authoring.fit import build
     from verbs.io import artifact
 
-    with progress() as say:
-        built = build(folder, progress=say)
+    with progress() as report:
+        built = build(folder, progress=report)
     path = output or Path(f"{built.verb.name}.verb")
     artifact.save(built.verb, path)
     for warning in built.warnings:

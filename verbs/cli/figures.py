@@ -17,15 +17,15 @@ def figures_command(
     data: Annotated[
         Path | None, typer.Option(help="Folder of captured verb sources; the built-in verbs without it.")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Coarse grids, built-in verbs: to see that it works.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Coarse grids and built-in verbs, as a test.")] = False,
 ) -> None:
-    """Make the papers' tables and figures anew, from our own runs. Takes minutes.
+    """Generate the papers' tables and figures. Takes minutes.
 
     Example: [bold]adverb figures --data mocap -o docs[/]
     """
-    from verbs.figures import figures  # its pictures need matplotlib, which nothing else does
+    from verbs.figures import figures  # matplotlib is needed by this command only
 
-    with progress() as say:
-        paths = figures(output, data=data, quick=quick, progress=say)
+    with progress() as report:
+        paths = figures(output, data=data, quick=quick, progress=report)
     for path in paths:
         typer.echo(path)

@@ -13,7 +13,7 @@ from verbs.cli.output import out, print_json, progress
 from verbs.units import quantity
 
 if TYPE_CHECKING:
-    from verbs.quality.report import Figures
+    from verbs.quality.report import Quality
     from verbs.verb import Verb
 
 __all__ = ["measure_command"]
@@ -22,27 +22,27 @@ __all__ = ["measure_command"]
 def measure_command(
     verb: VerbArgument,
     method: Annotated[str, typer.Option("--method", help=f"all, or one of {METHODS}.")] = "all",
-    grid: Annotated[int, typer.Option(min=5, max=401, help="Nodes to a side of the smoothness slices.")] = 61,
-    feet: Annotated[bool, typer.Option("--feet", help="Also measure how far feet slide while they stand.")] = False,
+    grid: Annotated[int, typer.Option(min=5, max=401, help="Nodes on a side of the smoothness slices.")] = 61,
+    feet: Annotated[bool, typer.Option("--feet", help="Also evaluate foot slide.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Measure parametric error, smoothness and time of one method, or of all.
+    """Print the quality of one method, or of all: parametric error, smoothness, time.
 
     Example: [bold]adverb measure reach --method rbf --json[/]
     """
     from verbs.blend.methods import usable
-    from verbs.quality.report import measure, recommend
+    from verbs.quality.report import quality_of, recommend
 
     loaded = open_verb(verb)
     chosen = [method]
     if method == "all":  # without pseudo-examples, refined is rbf and hybrid is search
         chosen = [name for name in usable(loaded) if "refined" in loaded.bases or name not in ("refined", "hybrid")]
-    with progress() as say:
-        rows: list[Figures] = []
+    with progress() as report:
+        rows: list[Quality] = []
         for k, name in enumerate(chosen):
-            say("measuring", k, len(chosen))
-            rows.append(measure(loaded, name, nodes=grid, slide=feet))
-        say("measuring", len(chosen), len(chosen))
+            report("quality", k, len(chosen))
+            rows.append(quality_of(loaded, name, nodes=grid, slide=feet))
+        report("quality", len(chosen), len(chosen))
     if as_json:
         found: dict[str, Any] = {"verb": loaded.name, "methods": {row.method: row.as_dict() for row in rows}}
         if len(rows) > 1:
@@ -56,7 +56,7 @@ def measure_command(
         out.print(recommend(rows, loaded.measure.unit))
 
 
-def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
+def _measure_table(verb: Verb, rows: list[Quality]) -> Table:
     unit = verb.measure.unit
     heads = (
         "method",
@@ -87,7 +87,7 @@ def _measure_table(verb: Verb, rows: list[Figures]) -> Table:
     return table
 
 
-def _slide_table(verb: Verb, rows: list[Figures]) -> Table:
+def _slide_table(verb: Verb, rows: list[Quality]) -> Table:
     """Millimetres; – where the skeleton has no toes."""
     table = Table("method", "median", "p90", "max", title=f"{verb.name}, foot slide, mm", title_justify="left")
     for row in rows:

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share, and what they name."""
+"""Arguments and options that several commands share, and how they are read."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def open_verb(name: str) -> Verb:
     if path.is_dir():
         from verbs.authoring.fit import build
 
-        with progress() as say:
-            return build(path, progress=say).verb
+        with progress() as report:
+            return build(path, progress=report).verb
     if path.exists():
         return artifact.load(path)
     raise UnknownName("verb", name, (*library.names(), "a .verb file", "a folder with a verb.toml"))
@@ -48,7 +48,7 @@ def parse_at(text: str) -> dict[str, float]:
         try:
             adverbs[name.strip()] = float(value)
         except ValueError:
-            raise OutOfRange(f"'{part}' is no adverb; write name=value, e.g. x=0.3,y=1.1") from None
+            raise OutOfRange(f"'{part}' is not an adverb; write name=value, e.g. x=0.3,y=1.1") from None
         if not found:
-            raise OutOfRange(f"'{part}' is no adverb; write name=value, e.g. x=0.3,y=1.1")
+            raise OutOfRange(f"'{part}' is not an adverb; write name=value, e.g. x=0.3,y=1.1")
     return adverbs

@@ -17,16 +17,16 @@ __all__ = ["refine_command"]
 def refine_command(
     verb: VerbArgument,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="File to write; NAME.verb by default.")] = None,
-    target_error: Annotated[float, typer.Option(min=0, help="Largest error to stop at, % of the diagonal.")] = 0.1,
-    max_pseudo: Annotated[int, typer.Option(min=1, max=2000, help="Most pseudo-examples to insert.")] = 200,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the points among which the worst is sought.")] = 0,
+    target_error: Annotated[float, typer.Option(min=0, help="Stop at this largest error, % of the diagonal.")] = 0.1,
+    max_pseudo: Annotated[int, typer.Option(min=1, max=2000, help="Largest number of pseudo-examples.")] = 200,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search points.")] = 0,
     radii: Annotated[
-        str, typer.Option(help="local keeps the radii of centers that are there; global renews all.")
+        str, typer.Option(help="local keeps the radii of earlier centers; global computes all again.")
     ] = "local",
     planes: Annotated[str, typer.Option(help="frozen keeps the fitted planes; refit fits them again.")] = "frozen",
     as_json: Json = False,
 ) -> None:
-    """Insert pseudo-examples where a verb is worst, for the methods refined and hybrid.
+    """Insert pseudo-examples where the error of a verb is largest, for the methods refined and hybrid.
 
     Example: [bold]adverb refine arm3 --max-pseudo 100 -o arm3_refined.verb[/]
     """
@@ -36,10 +36,10 @@ def refine_command(
     loaded = open_verb(verb)
     rules = refining.Rules(target_error / 100.0, max_pseudo, seed, radii=radii, planes=planes)
     curve: list[tuple[int, float, float]] = []
-    with progress() as say:
+    with progress() as report:
         for step in refining.refine(loaded, rules):
             curve.append((step.pseudo, 100 * step.after.mean, 100 * step.after.largest))
-            say("pseudo-examples", step.pseudo, max_pseudo)
+            report("pseudo-examples", step.pseudo, max_pseudo)
     path = output or Path(f"{loaded.name}.verb")
     artifact.save(refining.with_basis(loaded, step.basis, rules, step.mark), path)
     if as_json:

@@ -1,4 +1,4 @@
-"""Pictures and tables of both papers, made anew from our own runs: every one from fixed seeds.
+"""Figures and tables of both papers, generated from runs with fixed seeds.
 
 Source: Rose, Sloan, Cohen 2001 (seed 1); Feng, Huang, Kallmann, Shapiro 2012 (seed 2).
 """
@@ -23,24 +23,24 @@ BUILT_IN = ("arm3", "board", "reach")
 
 
 def figures(out: Path, *, data: Path | None, quick: bool = False, progress: Progress | None = None) -> list[Path]:
-    """Write every picture, and the tables that belong to them.
+    """Write all figures, and the page of tables.
 
     Parameters
     ----------
     out : Path
-        Folder that gets ``results.md`` and ``figures/*.png``.
+        Folder for ``results.md`` and ``figures/*.png``.
     data : Path or None
-        Folder of captures, one folder per verb: reach, punch, kick, jump, locomotion, as far as they are there. Where
-        there is none of them the built-in verbs take their place.
+        Folder of captures, one folder per verb: reach, punch, kick, jump, locomotion, those that exist. Without
+        any of them the built-in verbs are used.
     quick : bool
-        Built-in verbs, coarse grids and few pseudo-examples only: to see that it works, not to be read.
+        Built-in verbs, coarse grids and few pseudo-examples only, as a test of the generator.
     progress : callable, optional
-        Told (stage, done, total) on the way.
+        Called with (stage, done, total).
 
     Returns
     -------
     paths : list of Path
-        What was written, ``results.md`` last.
+        The files written, ``results.md`` last.
 
     Raises
     ------
@@ -48,25 +48,25 @@ def figures(out: Path, *, data: Path | None, quick: bool = False, progress: Prog
         If matplotlib is missing.
     """
     canvas.require()
-    say = progress or (lambda stage, done, total: None)
+    report = progress or (lambda stage, done, total: None)
     started, folder = time.perf_counter(), out / "figures"
     folder.mkdir(parents=True, exist_ok=True)
-    refined = [refinement(library.load(name), quick=quick, progress=say) for name in BUILT_IN]
-    paths = _seed_1(folder, refined, say)
+    refined = [refinement(library.load(name), quick=quick, progress=report) for name in BUILT_IN]
+    paths = _seed_1(folder, refined, report)
     sources = [] if data is None or quick else found(data)
-    studies = [study(verb, quick=quick, progress=say) for verb in sources or [one.verb for one in refined]]
-    paths += _seed_2(folder, studies, say)
-    paths += rows.draw(folder, [refined[-1].verb, *sources], say)
-    flows = [flow.draw(folder / "seed2_fig6_flow.png", verb, say) for verb in sources if verb.name == "locomotion"]
+    studies = [study(verb, quick=quick, progress=report) for verb in sources or [one.verb for one in refined]]
+    paths += _seed_2(folder, studies, report)
+    paths += rows.draw(folder, [refined[-1].verb, *sources], report)
+    flows = [flow.draw(folder / "seed2_fig6_flow.png", verb, report) for verb in sources if verb.name == "locomotion"]
     paths += [one.path for one in flows]
-    moved = [motions(one.verb, say) for one in studies]
+    moved = [motions(one.verb, report) for one in studies]
     seconds = time.perf_counter() - started
     text = results.page(refined, studies, moved, flows, captured=bool(sources), seconds=seconds)
     (out / "results.md").write_text(text, encoding="utf-8")
     return [*paths, out / "results.md"]
 
 
-def _seed_1(folder: Path, refined: list[Refinement], say: Progress) -> list[Path]:
+def _seed_1(folder: Path, refined: list[Refinement], report: Progress) -> list[Path]:
     arm, drawing, reach = refined
     pictures: list[Callable[[], Path]] = [
         lambda: draw_cardinal(folder / "seed1_fig4_5_cardinal.png"),
@@ -77,13 +77,13 @@ def _seed_1(folder: Path, refined: list[Refinement], say: Progress) -> list[Path
     ]
     paths = []
     for k, draw in enumerate(pictures):
-        say("seed 1", k, len(pictures))
+        report("seed 1", k, len(pictures))
         paths.append(draw())
-    say("seed 1", len(pictures), len(pictures))
+    report("seed 1", len(pictures), len(pictures))
     return paths
 
 
-def _seed_2(folder: Path, studies: list[Study], say: Progress) -> list[Path]:
+def _seed_2(folder: Path, studies: list[Study], report: Progress) -> list[Path]:
     paths = [
         maps.draw_domains(folder / "seed2_fig2_domains.png", [one.verb for one in studies]),
         maps.draw_errors(folder / "seed2_fig3_accuracy.png", studies),
@@ -91,5 +91,5 @@ def _seed_2(folder: Path, studies: list[Study], say: Progress) -> list[Path]:
         charts.draw_bars(folder / "seed2_fig5_comparison.png", studies),
         charts.draw_overview(folder / "seed2_fig7_overview.png", studies),
     ]
-    say("seed 2", len(paths), len(paths))
+    report("seed 2", len(paths), len(paths))
     return paths

@@ -1,4 +1,4 @@
-"""What every picture shares: an empty figure, the colours of methods, and how a picture is saved."""
+"""Shared by all figures: an empty figure, the colours of methods, and saving."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from verbs.errors import VerbError
 __all__ = ["COLOURS", "MARKERS", "SHOWN", "canvas", "legend_below", "require", "save", "shrink"]
 
 SHOWN = ("barycentric", "knn", "inverse", "rbf", "corrected")
-"""Methods on maps and charts: the four of seed 2 in its order, and ours. ``perdof`` has the weights of ``rbf``."""
+"""Methods on maps and charts: the four of seed 2, and ``corrected``. ``perdof`` has the weights of ``rbf``."""
 
-# Okabe and Ito's palette, told apart with any colour vision; and markers, told apart without colour.
+# Okabe and Ito's palette, safe for colour blindness; and markers, distinct without colour.
 COLOURS = {
     "barycentric": "#E69F00",
     "knn": "#56B4E9",
@@ -48,7 +48,7 @@ def canvas(width: float, height: float, *, title: str = "") -> Any:
 
 
 def legend_below(figure: Any, axes: Any, columns: int, *, scale: float = 1.0) -> None:
-    """Put the legend of some axes under all of the figure."""
+    """Put the legend of some axes below the figure."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False, markerscale=scale
@@ -63,7 +63,7 @@ def save(figure: Any, path: Path, *, dpi: int = 110) -> Path:
 
 
 def shrink(path: Path) -> Path:
-    """Give a PNG a palette, which takes a third of the bytes of true colour; return its path."""
+    """Convert a PNG to a palette, a third of the bytes of true colour; return its path."""
     from PIL import Image
 
     with Image.open(path) as picture:

@@ -60,8 +60,8 @@ def draw_cardinal(path: Path) -> Path:
 
 
 def _finish(axes: Any, title: str, label: str) -> None:
-    for place in EXAMPLES:
-        axes.axvline(place, color="0.85", lw=1, zorder=0)
+    for adverb in EXAMPLES:
+        axes.axvline(adverb, color="0.85", lw=1, zorder=0)
     axes.axhline(0.0, color="0.6", lw=0.8, zorder=0)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.42 * (high - low))  # room for the legend

@@ -82,8 +82,8 @@ def points(skeleton: Skeleton, root: Floats, rotations: Floats) -> F64:
     -------
     points : (..., J + T, 3) float64
     """
-    turns, positions = fk.forward(root, rotations, skeleton.parents, skeleton.offsets)
-    tips = quat.rotate(turns[..., skeleton.tip_parents, :], skeleton.tip_offsets)
+    global_rotations, positions = fk.forward(root, rotations, skeleton.parents, skeleton.offsets)
+    tips = quat.rotate(global_rotations[..., skeleton.tip_parents, :], skeleton.tip_offsets)
     return np.concatenate([positions, positions[..., skeleton.tip_parents, :] + tips], axis=-2)
 
 
@@ -115,7 +115,7 @@ def draw_poses(
     view : str or (azimuth, elevation)
         A name in :data:`VIEWS`, or degrees.
     layout : {"row", "onion"}
-        Side by side, ``columns`` to a row; or all in one place, the earlier the paler.
+        Side by side, ``columns`` to a row; or all in one origin, the earlier the paler.
     columns : int
         Poses per row.
     spacing_m : float, optional
@@ -141,17 +141,17 @@ def draw_poses(
     if layout not in ("row", "onion"):
         raise UnknownName("layout", layout, ("row", "onion"))
     screens = _project(poses, view)
-    places = _places(screens, columns if layout == "row" else 0, spacing_m)
+    origins = _places(screens, columns if layout == "row" else 0, spacing_m)
     limbs = _limbs(skeleton)
     lowest = min(0.0, *(float(screen[:, 1].min()) for screen in screens))
-    figure, axes = _canvas(screens, places, pixels_per_m, labelled=bool(labels))
-    for index, (screen, place) in enumerate(zip(screens, places, strict=True)):
+    figure, axes = _canvas(screens, origins, pixels_per_m, labelled=bool(labels))
+    for index, (screen, origin) in enumerate(zip(screens, origins, strict=True)):
         faint = 0.0 if layout == "row" else 0.78 * (1 - (index + 1) / len(screens))
         if ground and (layout == "row" or index == len(screens) - 1):
-            _draw_ground(axes, screen, place, view)
-        _draw_figure(axes, skeleton, limbs, screen, place, faint, 100 * (index + 1))
-        below = place + np.array([float(np.mean(_ground_ends(screen))), lowest - 0.10])
-        _annotate(axes, place, below, view, marks[index : index + 1], labels[index : index + 1])
+            _draw_ground(axes, screen, origin, view)
+        _draw_figure(axes, skeleton, limbs, screen, origin, faint, 100 * (index + 1))
+        below = origin + np.array([float(np.mean(_ground_ends(screen))), lowest - 0.10])
+        _annotate(axes, origin, below, view, marks[index : index + 1], labels[index : index + 1])
     if trace is not None:
         way = _project([trace], view)[0]
         axes.plot(way[:, 0], way[:, 1], "-", color=PALETTE["mark"], lw=1.6, alpha=0.8, zorder=1e6)
@@ -161,7 +161,7 @@ def draw_poses(
 
 def _annotate(
     axes: Any,
-    place: F64,
+    origin: F64,
     below: F64,
     view: str | tuple[float, float],
     marks: Sequence[Floats | None],
@@ -171,7 +171,7 @@ def _annotate(
     for mark in marks:
         if mark is not None:
             x, y, _ = _project([np.asarray(mark)[None]], view)[0][0]
-            axes.plot(x + place[0], y + place[1], "o", ms=7, mec="white", mfc=PALETTE["mark"], zorder=1e6)
+            axes.plot(x + origin[0], y + origin[1], "o", ms=7, mec="white", mfc=PALETTE["mark"], zorder=1e6)
     for label in labels:
         axes.text(*below, label, ha="center", va="top", color=PALETTE["ink"], fontsize=9)
 
@@ -201,7 +201,7 @@ def _places(screens: list[F64], columns: int, spacing_m: float | None) -> F64:
     return np.stack([(order % columns) * wide, -(order // columns) * tall], axis=-1)
 
 
-def _canvas(screens: list[F64], places: F64, pixels_per_m: float, *, labelled: bool) -> tuple[Any, Any]:
+def _canvas(screens: list[F64], origins: F64, pixels_per_m: float, *, labelled: bool) -> tuple[Any, Any]:
     """Give an empty figure and axes that hold every pose with a margin, at the wanted scale."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -209,8 +209,8 @@ def _canvas(screens: list[F64], places: F64, pixels_per_m: float, *, labelled: b
     except ImportError as err:
         raise VerbError("drawing needs matplotlib: pip install 'adverb[figures]'") from err
     corners = [
-        np.concatenate([screen[:, :2], [[x, 0.0] for x in _ground_ends(screen)]]) + place
-        for screen, place in zip(screens, places, strict=True)
+        np.concatenate([screen[:, :2], [[x, 0.0] for x in _ground_ends(screen)]]) + origin
+        for screen, origin in zip(screens, origins, strict=True)
     ]
     low = np.min([corner.min(axis=0) for corner in corners], axis=0) - np.array([0.2, 0.30 if labelled else 0.16])
     high = np.max([corner.max(axis=0) for corner in corners], axis=0) + np.array([0.2, 0.16])
@@ -255,10 +255,10 @@ def _side(name: str) -> str:
 
 
 def _draw_figure(
-    axes: Any, skeleton: Skeleton, limbs: list[_Limb], screen: F64, place: F64, faint: float, layer: float
+    axes: Any, skeleton: Skeleton, limbs: list[_Limb], screen: F64, origin: F64, faint: float, layer: float
 ) -> None:
     """Draw one pose, the pieces far from the viewer first."""
-    shifted = screen + np.array([*place, 0.0])
+    shifted = screen + np.array([*origin, 0.0])
     drawn = [limb for limb in limbs if limb.end < len(screen)]
     for limb in drawn:
         if limb.side != "trunk":
@@ -311,18 +311,18 @@ def _ground_ends(screen: F64) -> tuple[float, float]:
     return middle - 0.42, middle + 0.42
 
 
-def _draw_ground(axes: Any, screen: F64, place: F64, view: str | tuple[float, float]) -> None:
+def _draw_ground(axes: Any, screen: F64, origin: F64, view: str | tuple[float, float]) -> None:
     """Draw the ground under a pose: a line from level, a soft ellipse from above."""
     elevation = np.radians((VIEWS[view] if isinstance(view, str) else view)[1])
-    low, high = np.add(_ground_ends(screen), place[0])
+    low, high = np.add(_ground_ends(screen), origin[0])
     if elevation > 0:
         angle = np.linspace(0, 2 * np.pi, 61)
         half = 0.5 * (high - low)
-        outline = [low + half * (1 + np.cos(angle)), place[1] + half * np.sin(elevation) * np.sin(angle)]
+        outline = [low + half * (1 + np.cos(angle)), origin[1] + half * np.sin(elevation) * np.sin(angle)]
         axes.fill(*outline, fc=PALETTE["shadow"], zorder=0)
     else:
         ends = [low, high]
-        axes.plot(ends, [place[1]] * 2, color=PALETTE["ground"], lw=2, solid_capstyle="round", zorder=0)
+        axes.plot(ends, [origin[1]] * 2, color=PALETTE["ground"], lw=2, solid_capstyle="round", zorder=0)
 
 
 def _capsule(start: F64, end: F64, start_radius: float, end_radius: float) -> F64:

@@ -29,17 +29,17 @@ DRAWN = 5
 """The window of the picture."""
 
 ABNORMAL = 1.5
-"""A vector this many times longer or shorter than its surroundings' mean is abnormal."""
+"""A vector is abnormal if it is longer or shorter than the mean of its neighbours by more than this factor."""
 
 FLOOR_M = 0.005
-"""Added to both lengths: a foot that stands moves by hairs, and ratios of hairs mean nothing."""
+"""Added to both lengths: a standing foot moves by less than a millimetre, where ratios are meaningless."""
 
 _STICK_EVERY = 15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flow:
-    """The picture, and what is abnormal in it.
+    """The figure, and the share of abnormal vectors.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ def walk(verb: Verb, method: str, *, margin: int = 0) -> F64:
     return evaluator.positions(poses)[1][: FRAMES + 2 * margin]
 
 
-def abnormal(places: F64, window: int) -> F64:
+def abnormal(positions: F64, window: int) -> F64:
     """Log ratio (F - window, J) of each vector's length to the mean of its neighbours in time.
 
     The first and the last vectors, whose window is not whole, are left out.
     """
-    lengths = np.linalg.norm(np.diff(places, axis=0), axis=-1) + FLOOR_M
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=-1) + FLOOR_M
     whole = len(lengths) - window + 1
     inner = lengths[window // 2 : window // 2 + whole]
     around = sum(lengths[k : k + whole] for k in range(window)) - inner
@@ -81,14 +81,14 @@ def abnormal(places: F64, window: int) -> F64:
 def measured(verb: Verb, method: str) -> tuple[F64, dict[int, F64]]:
     """Joint positions (150, J, 3) of the transition, and log ratios (149, J) of its vectors by window."""
     most = max(WINDOWS) // 2
-    places = walk(verb, method, margin=most)
+    positions = walk(verb, method, margin=most)
     cuts = {window: most - window // 2 for window in WINDOWS}
-    ratios = {window: abnormal(places[cut : len(places) - cut], window) for window, cut in cuts.items()}
-    return places[most:-most], ratios
+    ratios = {window: abnormal(positions[cut : len(positions) - cut], window) for window, cut in cuts.items()}
+    return positions[most:-most], ratios
 
 
 def draw(path: Path, verb: Verb, progress: Progress) -> Flow:
-    """Draw the flow of every shown method, one under the other, and count what is abnormal."""
+    """Draw the flow of every shown method, one below the other, and count abnormal vectors."""
     title = (
         f"Motion vector flow, {FRAMES} frames at {FPS:g} fps, {RAMP[0][1]:g} to {RAMP[-1][1]:g} m/s (seed 2, figure 6)"
     )
@@ -97,16 +97,16 @@ def draw(path: Path, verb: Verb, progress: Progress) -> Flow:
     shares, faster, largest, lines = {}, {}, {}, None
     for k, (axes, method) in enumerate(zip(panels, canvas.SHOWN, strict=True)):
         progress("flow", k, len(canvas.SHOWN))
-        places, ratios = measured(verb, method)
+        positions, ratios = measured(verb, method)
         limit, drawn = np.log(ABNORMAL), ratios[DRAWN]
         shares[method] = tuple(float(100 * np.mean(np.abs(ratios[window]) > limit)) for window in WINDOWS)
         faster[method] = float(100 * np.mean(drawn > limit))
         largest[method] = float(np.exp(np.abs(drawn).max()))
-        lines = _panel(axes, verb, places, drawn)
+        lines = _panel(axes, verb, positions, drawn)
         found = f"{float(100 * np.mean(np.abs(drawn) > limit)):.2f} % of vectors, {faster[method]:.2f} % as speed-ups"
-        axes.set_title(f"{method}: more than {ABNORMAL:g} times off: {found}", fontsize=10, loc="left")
+        axes.set_title(f"{method}: abnormal by more than {ABNORMAL:g} times: {found}", fontsize=10, loc="left")
         axes.set_ylabel("height (m)")
-    panels[-1].set_xlabel("way forward (m)")
+    panels[-1].set_xlabel("distance forward (m)")
     label = f"length of a vector against the mean of its {DRAWN - 1} neighbours in time"
     bar = figure.colorbar(lines, ax=list(panels), label=label, extend="both", aspect=40,
                           pad=0.01)  # fmt: skip
@@ -115,12 +115,12 @@ def draw(path: Path, verb: Verb, progress: Progress) -> Flow:
     return Flow(canvas.save(figure, path, dpi=84), shares, faster, largest)
 
 
-def _panel(axes: Any, verb: Verb, places: F64, ratios: F64) -> Any:
+def _panel(axes: Any, verb: Verb, positions: F64, ratios: F64) -> Any:
     """Vectors from the side, the abnormal ones last and thick, with stick figures over them."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
-    flat = places[..., [2, 1]]
+    flat = positions[..., [2, 1]]
     vectors = np.stack([flat[:-1], flat[1:]], axis=2).reshape(-1, 2, 2)
     values = ratios.ravel()
     order = np.argsort(np.abs(values))

@@ -1,4 +1,4 @@
-"""Seed 1, figures 6 to 13: where regular grids of adverbs arrive."""
+"""Seed 1, figures 6 to 13: measured positions of regular grids of adverbs."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ __all__ = ["draw_arm", "draw_board", "draw_reach"]
 
 _SIDE = 17
 _FINE = 6
-"""Lines of a grid, and points between two of them: a warped line is a curve."""
+"""Lines of a grid, and points between two of them: warped lines are curves."""
 
 _STAR_M = 0.36
 """Radius of the drawing, which fits on the board."""
 
-_ASKED, _REACHED = "0.78", canvas.COLOURS["rbf"]
+_REQUESTED, _MEASURED = "0.78", canvas.COLOURS["rbf"]
 _EXAMPLES, _PSEUDO = canvas.COLOURS["barycentric"], canvas.COLOURS["corrected"]
 
 
 def draw_arm(path: Path, one: Refinement) -> Path:
-    """Draw asked and reached grids of the planar arm: raw, searched, with pseudo-examples, with both."""
+    """Draw requested and measured grids of the planar arm: raw, searched, with pseudo-examples, with both."""
     some, stages = min(20, max(one.bases)), _stages(one, ("6", "9", "11, left", "11, right"))
-    figure = canvas.canvas(14, 5.3, title="Planar arm: asked grid, reached grid, and the error in % of the diagonal")
+    figure = canvas.canvas(
+        14, 5.3, title="Planar arm: requested grid, measured grid, and the error in % of the diagonal"
+    )
     panels = figure.subplots(1, len(stages), sharex=True, sharey=True)
     for axes, (title, pseudo, searches) in zip(panels, stages, strict=True):
         mean, worst = hybrid_errors(one, one.sought, pseudo, searches)
@@ -41,8 +43,10 @@ def draw_arm(path: Path, one: Refinement) -> Path:
         axes.set_aspect("equal")
     panels[0].set_ylabel("y (m)")
     _poses(panels[0], one.verb)
-    panels[2].plot(*one.places[:some].T, "D", color=_PSEUDO, ms=5, mec="white", mew=0.6, label="pseudo-examples")
-    panels[3].plot(*one.places[:some].T, "D", color=_PSEUDO, ms=5, mec="white", mew=0.6)
+    panels[2].plot(
+        *one.pseudo_adverbs[:some].T, "D", color=_PSEUDO, ms=5, mec="white", mew=0.6, label="pseudo-examples"
+    )
+    panels[3].plot(*one.pseudo_adverbs[:some].T, "D", color=_PSEUDO, ms=5, mec="white", mew=0.6)
     handles = {
         label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
@@ -51,15 +55,18 @@ def draw_arm(path: Path, one: Refinement) -> Path:
 
 
 def _warped(axes: Any, one: Refinement, pseudo: int, searches: int) -> None:
-    """Draw the asked and the reached grid of one stage, and join the ends of its largest error."""
+    """Draw the requested and the measured grid of one stage, and join the ends of its largest error."""
     evaluator = Evaluator(one.verb)
     nodes = (_SIDE - 1) * _FINE + 1
-    asked = plane(one.verb, (0, 1), [0.5, 0.5], nodes).adverbs
-    flat = asked.reshape(-1, 2)
+    requested = plane(one.verb, (0, 1), [0.5, 0.5], nodes).adverbs
+    flat = requested.reshape(-1, 2)
     weights = weights_of(one, flat, pseudo, searches)
     blend = evaluator.measure("", weights, flat, np.zeros(len(flat), bool))
-    reached = blend.measured.reshape(asked.shape)
-    for grid, colour, width, label in ((asked, _ASKED, 0.7, "asked"), (reached, _REACHED, 0.9, "reached")):
+    measured = blend.measured.reshape(requested.shape)
+    for grid, colour, width, label in (
+        (requested, _REQUESTED, 0.7, "requested"),
+        (measured, _MEASURED, 0.9, "measured"),
+    ):
         for k in range(0, nodes, _FINE):
             axes.plot(*grid[k].T, color=colour, lw=width, label=label if k == 0 else None)
             axes.plot(*grid[:, k].T, color=colour, lw=width)
@@ -70,19 +77,19 @@ def _warped(axes: Any, one: Refinement, pseudo: int, searches: int) -> None:
 
 
 def _poses(axes: Any, verb: Verb) -> None:
-    """Draw the arm of every example at its reach, faintly."""
+    """Draw the arm of every example at its keytime, faintly."""
     evaluator, chain = Evaluator(verb), verb.skeleton.chain(verb.measure.effector)
     poses = evaluator.pose(verb.values, phase=float(verb.phases[verb.measure.keytime]), method="rbf")
-    places = evaluator.positions(poses)[1][:, chain]
-    flat = (places - verb.measure.origin) @ np.linalg.pinv(verb.measure.frame).T
+    positions = evaluator.positions(poses)[1][:, chain]
+    flat = (positions - verb.measure.origin) @ np.linalg.pinv(verb.measure.frame).T
     for k, points in enumerate(flat):
         axes.plot(*points.T, "-", color="0.45", lw=1.6, alpha=0.5, zorder=1, label=None if k else "arm at examples")
 
 
 def draw_board(path: Path, one: Refinement) -> Path:
-    """Draw what becomes of a grid on the board, and of a drawing: raw, searched, with pseudo-examples, with both."""
+    """Draw a grid on the board and a drawing, as measured: raw, searched, with pseudo-examples, with both."""
     stages = _stages(one, ("7", "10", "12, left", "12, right"))
-    title = "Built-in board: asked and reached grid, in depth the way off the board; a drawing as the writer sees it"
+    title = "Built-in board: requested and measured grid, depth is the distance off the board; a drawing from the front"
     figure = canvas.canvas(14, 7.4, title=title)
     grid = plane(one.verb, (0, 1), [0.5, 0.5], (_SIDE - 1) * _FINE + 1).adverbs
     found = [_on_board(one, grid, pseudo, searches) for _, pseudo, searches in stages]
@@ -106,7 +113,7 @@ def draw_board(path: Path, one: Refinement) -> Path:
 
 
 def _stages(one: Refinement, numbers: tuple[str, str, str, str]) -> list[tuple[str, int, int]]:
-    """What a picture calls its four stages, with their pseudo-examples and line searches."""
+    """Names of the four stages, with their pseudo-examples and line searches."""
     some = min(20, max(one.bases))
     names = ("raw basis", "one line search", f"{some} pseudo-examples", f"hybrid: {some} and one search")
     counts = ((0, 0), (0, 1), (some, 0), (some, 1))
@@ -114,24 +121,24 @@ def _stages(one: Refinement, numbers: tuple[str, str, str, str]) -> list[tuple[s
 
 
 def _on_board(one: Refinement, adverbs: F64, pseudo: int, searches: int) -> tuple[F64, F64]:
-    """Where grids of adverbs (..., 2) arrive, as u, v and distance off the board (..., 3), m; and the error, %."""
+    """Measured positions (..., 3) at adverbs (..., 2), m: u, v and distance off the board; and the error, %."""
     goal, flat = Goal.of_verb(one.verb), adverbs.reshape(-1, 2)
     weights = weights_of(one, flat, pseudo, searches)
     left, up = one.verb.measure.frame.T
     axes = np.stack([left, up, np.cross(left, up)], axis=1)  # off the board is away from the writer
-    places = (goal.measured(weights) - one.verb.measure.origin) @ axes
-    return places.reshape(*adverbs.shape[:-1], 3), errors(one.verb, weights, flat).reshape(adverbs.shape[:-1])
+    positions = (goal.measured(weights) - one.verb.measure.origin) @ axes
+    return positions.reshape(*adverbs.shape[:-1], 3), errors(one.verb, weights, flat).reshape(adverbs.shape[:-1])
 
 
-def _warped_sheet(axes: Any, asked: F64, reached: F64, error: F64, top: float) -> Any:
-    """Draw the asked grid, and the reached one coloured by its error; return the latter."""
+def _warped_sheet(axes: Any, requested: F64, measured: F64, error: F64, top: float) -> Any:
+    """Draw the requested grid, and the measured one coloured by its error; return the latter."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    nodes = len(asked)
+    nodes = len(requested)
     for k in range(0, nodes, _FINE):
-        axes.plot(asked[k, :, 0], 0.0 * asked[k, :, 0], asked[k, :, 1], color=_ASKED, lw=0.6)
-        axes.plot(asked[:, k, 0], 0.0 * asked[:, k, 0], asked[:, k, 1], color=_ASKED, lw=0.6)
-    shown = reached[..., [0, 2, 1]]
+        axes.plot(requested[k, :, 0], 0.0 * requested[k, :, 0], requested[k, :, 1], color=_REQUESTED, lw=0.6)
+        axes.plot(requested[:, k, 0], 0.0 * requested[:, k, 0], requested[:, k, 1], color=_REQUESTED, lw=0.6)
+    shown = measured[..., [0, 2, 1]]
     rows = [(shown[k], error[k]) for k in range(0, nodes, _FINE)]
     rows += [(shown[:, k], error[:, k]) for k in range(0, nodes, _FINE)]
     pieces = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line, _ in rows])
@@ -150,24 +157,24 @@ def _warped_sheet(axes: Any, asked: F64, reached: F64, error: F64, top: float) -
 
 
 def _drawing(axes: Any, one: Refinement, pseudo: int, searches: int) -> None:
-    """Draw a star in its circle, as it is asked for and as it is traced."""
-    turns = np.linspace(0.0, 2.0 * np.pi, 181)
-    circle = _STAR_M * np.stack([np.sin(turns), np.cos(turns)], axis=1)
+    """Draw a star in its circle, as requested and as measured."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 181)
+    circle = _STAR_M * np.stack([np.sin(angles), np.cos(angles)], axis=1)
     tips = _STAR_M * np.array([[np.sin(4.0 * np.pi * k / 5.0), np.cos(4.0 * np.pi * k / 5.0)] for k in range(6)])
     star = np.concatenate([np.linspace(tips[k], tips[k + 1], 40) for k in range(5)])
     off = 0.0
     for k, stroke in enumerate((circle, star)):
-        places, _ = _on_board(one, stroke, pseudo, searches)
-        off = max(off, float(np.abs(places[:, 2]).max()))
-        axes.plot(*stroke.T, color="0.6", lw=2.2, label=None if k else "asked")
-        axes.plot(places[:, 0], places[:, 1], color=_REACHED, lw=1.2, label=None if k else "traced")
+        positions, _ = _on_board(one, stroke, pseudo, searches)
+        off = max(off, float(np.abs(positions[:, 2]).max()))
+        axes.plot(*stroke.T, color="0.6", lw=2.2, label=None if k else "requested")
+        axes.plot(positions[:, 0], positions[:, 1], color=_MEASURED, lw=1.2, label=None if k else "measured")
     axes.set(xlim=(0.42, -0.42), ylim=(-0.40, 0.40), aspect="equal", xlabel="u, to the writer's left (m)")
     axes.set_title(f"up to {1000 * off:.0f} mm off the board", fontsize=9)
     axes.tick_params(labelsize=8)
 
 
 def draw_reach(path: Path, one: Refinement) -> Path:
-    """Draw a plane of adverbs and where the body's wrist arrives, before and after refinement."""
+    """Draw a plane of adverbs and the measured wrist positions, before and after refinement."""
     most = max(one.bases)
     figure = canvas.canvas(12.5, 6.4, title="Built-in reach: a plane of adverbs at mid depth (seed 1, figures 8, 13)")
     panels = [figure.add_subplot(1, 2, k + 1, projection="3d") for k in (0, 1)]
@@ -182,7 +189,9 @@ def draw_reach(path: Path, one: Refinement) -> Path:
         axes.view_init(elev=14, azim=-62)
         axes.tick_params(labelsize=8)
         axes.locator_params(axis="y", nbins=3)
-    panels[1].scatter(*_upright(one.places), color=_PSEUDO, marker="D", s=12, alpha=0.8, label="pseudo-examples")
+    panels[1].scatter(
+        *_upright(one.pseudo_adverbs), color=_PSEUDO, marker="D", s=12, alpha=0.8, label="pseudo-examples"
+    )
     canvas.legend_below(figure, panels[1], 4)
     return canvas.save(figure, path)
 
@@ -193,10 +202,10 @@ def _warped_plane(axes: Any, one: Refinement, pseudo: int) -> None:
     flat = section.adverbs.reshape(-1, 3)
     weights = weights_of(one, flat, pseudo, 0)
     goal = Goal.of_verb(verb)
-    reached = goal.compare(flat, goal.measured(weights))[0].reshape(section.adverbs.shape)
+    measured = goal.compare(flat, goal.measured(weights))[0].reshape(section.adverbs.shape)
     for grid, colour, width, label in (
-        (section.adverbs, "0.7", 0.7, "asked"),
-        (reached, _REACHED, 0.9, "reached"),
+        (section.adverbs, "0.7", 0.7, "requested"),
+        (measured, _MEASURED, 0.9, "measured"),
     ):
         shown = np.where(section.inside[..., None], grid, np.nan)
         lines = [shown[k] for k in range(0, nodes, 3)] + [shown[:, k] for k in range(0, nodes, 3)]
@@ -204,6 +213,6 @@ def _warped_plane(axes: Any, one: Refinement, pseudo: int) -> None:
             axes.plot(*_upright(line), color=colour, lw=width, label=None if k else label)
 
 
-def _upright(places: F64) -> F64:
-    """Places (B, 3) as plot axes (3, B): x, z, and y upward."""
-    return np.asarray(places[:, [0, 2, 1]].T)
+def _upright(positions: F64) -> F64:
+    """Positions (B, 3) as plot axes (3, B): x, z, and y upward."""
+    return np.asarray(positions[:, [0, 2, 1]].T)

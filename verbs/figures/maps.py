@@ -20,7 +20,7 @@ from verbs.verb import Verb
 __all__ = ["draw_curvatures", "draw_domains", "draw_errors"]
 
 _PIECES = 5
-"""Pieces to a side of a hull's triangle: straight in the chart, bent among adverbs."""
+"""Pieces per side of a hull's triangle: straight in the chart, curved among adverbs."""
 
 
 def draw_domains(path: Path, verbs: list[Verb]) -> Path:
@@ -53,8 +53,8 @@ def _solid(axes: Any, verb: Verb) -> None:
     """Hull and examples in three adverbs; among positions y is drawn upward."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    place = verb.measure.kind == measures.POSITION
-    order, names = [0, 2, 1] if place else [0, 1, 2], _names(verb)
+    position = verb.measure.kind == measures.POSITION
+    order, names = [0, 2, 1] if position else [0, 1, 2], _names(verb)
     points = verb.domain.chart.points(verb.values)
     triangles = points[ConvexHull(points).simplices]
     faces = _shown(verb, _pieces(triangles))[..., order]
@@ -68,9 +68,9 @@ def _solid(axes: Any, verb: Verb) -> None:
     axes.set(xlabel=labels[0], ylabel=labels[1], zlabel=labels[2])
     axes.tick_params(labelsize=7)
     axes.locator_params(nbins=5)
-    if place:
+    if position:
         axes.set_aspect("equal")
-    axes.set_box_aspect(None if not place else np.ptp(faces.reshape(-1, 3), axis=0), zoom=0.85)
+    axes.set_box_aspect(None if not position else np.ptp(faces.reshape(-1, 3), axis=0), zoom=0.85)
 
 
 def _shown(verb: Verb, points: F64) -> F64:
@@ -116,12 +116,13 @@ def draw_errors(path: Path, studies: list[Study]) -> Path:
     from matplotlib.colors import Normalize
 
     def scale(one: Study) -> Any:
-        # The last hundredth is cut off, so that a single bad corner does not leave the rest dark.
-        top = np.nanpercentile(np.stack(list(one.errors.values())), 99)
-        return Normalize(0.0, max(float(top), 1e-9))
+        # Clipped at the 99th percentile, so that a single corner does not set the scale.
+        top = 1000 * np.nanpercentile(np.stack(list(one.errors.values())), 99)
+        return Normalize(0.0, max(float(top), 1e-6))
 
-    title = "Error over a slice at mid-range (seed 2, figure 3): brighter is worse"
-    return _draw_maps(path, studies, {one.verb.name: one.errors for one in studies}, scale, title, "error")
+    millimetres = {one.verb.name: {name: 1000 * error for name, error in one.errors.items()} for one in studies}
+    title = "Error over a slice at mid-range (seed 2, figure 3): brighter is larger"
+    return _draw_maps(path, studies, millimetres, scale, title, "error")
 
 
 def draw_curvatures(path: Path, studies: list[Study]) -> Path:
@@ -154,13 +155,13 @@ def _draw_maps(
             axes.set_title(f"{method}: mean {_number(float(np.nanmean(grid)))}", fontsize=9)
             axes.set_xlabel(labels[0], fontsize=8)
         row[0].set_ylabel(f"$\\bf{{{one.verb.name}}}$\n{labels[1]}", fontsize=9)
-        unit = f" ({one.verb.measure.unit})" if quantity == "error" else ""
+        unit = f" (m{one.verb.measure.unit})" if quantity == "error" else ""
         figure.colorbar(image, ax=list(row), label=quantity + unit, extend="max", pad=0.01, aspect=14)
     return canvas.save(figure, path)
 
 
 def _map(axes: Any, grid: F64, norm: Any, extent: tuple[float, ...]) -> Any:
-    # What lies under the scale's lower end is a value too, unlike what lies outside the hull, which stays grey.
+    # Values below the scale are drawn with its lowest colour; outside the hull is grey.
     axes.set_facecolor("0.88")
     shown = np.clip(grid, norm.vmin, None)
     image = axes.imshow(shown.T, origin="lower", extent=extent, aspect="auto", cmap="viridis", norm=norm)
@@ -181,8 +182,8 @@ def _axes_of(one: Study) -> tuple[tuple[str, str], tuple[float, float, float, fl
     if chart.kind == charts.CYLINDER:
         first = chart.axes[0]
         names[first] = "angle about the body (°)"
-        turned = [float(np.degrees(value / chart.bend[3] + chart.bend[2])) for value in ranges[first]]
-        away = 360.0 * round(0.5 * sum(turned) / 360.0)
-        ranges[first] = (turned[0] - away, turned[1] - away)
+        angles = [float(np.degrees(value / chart.bend[3] + chart.bend[2])) for value in ranges[first]]
+        away = 360.0 * round(0.5 * sum(angles) / 360.0)
+        ranges[first] = (angles[0] - away, angles[1] - away)
     first, second = one.section.axes
     return (names[first], names[second]), (*ranges[first], *ranges[second])

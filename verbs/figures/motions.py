@@ -1,4 +1,4 @@
-"""Whole motions: how far feet slide, and how hard and fast joints move, in examples and in blends by each method."""
+"""Whole motions of examples and of blends by each method: foot slide, peak acceleration and peak speed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Motions:
 
 
 def motions(verb: Verb, progress: Progress) -> Motions:
-    """Measure the motions of a verb's examples, and those of random goals by every method."""
+    """Evaluate the motions of a verb's examples, and those of random goals by every method."""
     evaluator, adverbs, steps = Evaluator(verb), foot_contact.goals(verb), 1 + len(METHODS)
     progress(f"whole motions of {verb.name}", 0, steps)
     found = foot_contact.contacts(evaluator)
@@ -82,7 +82,9 @@ def _peaks(evaluator: Evaluator, blends: list[Blend]) -> Peaks:
 
 def _peak(evaluator: Evaluator, blend: Blend) -> F64:
     """Largest acceleration of any joint (m/s²), and largest speed of the effector (m/s), over a whole motion."""
-    _, places = foot_contact.sampled(evaluator, blend)
-    accelerations = np.linalg.norm(np.diff(places, n=2, axis=0), axis=-1) * foot_contact.RATE_HZ**2
-    speeds = np.linalg.norm(np.diff(places[:, evaluator.verb.measure.effector], axis=0), axis=-1) * foot_contact.RATE_HZ
+    _, positions = foot_contact.sampled(evaluator, blend)
+    accelerations = np.linalg.norm(np.diff(positions, n=2, axis=0), axis=-1) * foot_contact.RATE_HZ**2
+    speeds = (
+        np.linalg.norm(np.diff(positions[:, evaluator.verb.measure.effector], axis=0), axis=-1) * foot_contact.RATE_HZ
+    )
     return np.array([accelerations.max(), speeds.max()])

@@ -1,4 +1,4 @@
-"""Refinement runs that several pictures and tables share: a built-in verb before, on the way and after."""
+"""Refinement runs that several figures and tables share: a built-in verb before, during and after."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from verbs.verb import Basis, Verb
 __all__ = ["CHECK", "Refinement", "errors", "hybrid_errors", "refinement", "weights_of"]
 
 CHECK = 2_500
-"""Random points, drawn from :data:`CHECK_SEED`, that no refinement saw."""
+"""Random points, drawn from :data:`CHECK_SEED`, held out from refinement."""
 
 CHECK_SEED = 7
 
@@ -39,22 +39,22 @@ class Refinement:
         By rule of the radii: pseudo-examples, mean and largest error (%) on the points where the worst was sought.
     bases : mapping of int to Basis
         Bases of the local rule by number of pseudo-examples.
-    places : (P, D) float64
+    pseudo_adverbs : (P, D) float64
         Adverbs of the pseudo-examples, in order of insertion.
     sought, check : (B, D) float64
-        Where the tables measure: the points of ``adverb measure``, and random points.
+        Where the tables evaluate errors: the points of ``adverb measure``, and random points.
     size : float
         Diagonal that 100 % stands for, m.
     seconds : float
-        What the local refinement took.
+        Time of the local refinement.
     text : str
-        Words for the points.
+        Description of the points.
     """
 
     verb: Verb
     curves: Mapping[str, F64]
     bases: Mapping[int, Basis]
-    places: F64
+    pseudo_adverbs: F64
     sought: F64
     check: F64
     size: float
@@ -63,11 +63,11 @@ class Refinement:
 
 
 def refinement(verb: Verb, *, quick: bool, progress: Progress) -> Refinement:
-    """Refine a verb with :data:`MOST` pseudo-examples by both rules; with few, and few points, if it is to be quick."""
+    """Refine a verb with :data:`MOST` pseudo-examples by both rules; with few of them, and few points, if ``quick``."""
     most, count = (QUICK_MOST, 100) if quick else (MOST, CHECK)
     curves: dict[str, F64] = {}
     bases: dict[int, Basis] = {}
-    places: list[F64] = []
+    pseudo_adverbs: list[F64] = []
     seconds = 0.0
     for rule in ("local", "global"):
         started, rows = time.perf_counter(), []
@@ -76,7 +76,7 @@ def refinement(verb: Verb, *, quick: bool, progress: Progress) -> Refinement:
             progress(f"refining {verb.name}, {rule}", step.pseudo, most)
             if rule == "local":
                 bases[step.pseudo] = step.basis
-                places += [] if step.drawn is None else [step.drawn.place]
+                pseudo_adverbs += [] if step.drawn is None else [step.drawn.adverbs]
         curves[rule] = np.array(rows)
         seconds = seconds or time.perf_counter() - started
     points, rng = accuracy_points(verb), np.random.default_rng(CHECK_SEED)
@@ -84,7 +84,7 @@ def refinement(verb: Verb, *, quick: bool, progress: Progress) -> Refinement:
     where = describe(verb)
     text = f"{points.text}; check: {count:,} random points (seed {CHECK_SEED}) in the {where}"
     check = random_points(verb, rng, count)
-    return Refinement(verb, curves, bases, np.array(places), sought, check, diagonal(verb), seconds, text)
+    return Refinement(verb, curves, bases, np.array(pseudo_adverbs), sought, check, diagonal(verb), seconds, text)
 
 
 def errors(verb: Verb, weights: F64, adverbs: F64) -> F64:
@@ -105,6 +105,6 @@ def weights_of(one: Refinement, adverbs: F64, pseudo: int, searches: int) -> F64
 
 
 def hybrid_errors(one: Refinement, adverbs: F64, pseudo: int, searches: int) -> tuple[float, float]:
-    """Mean and largest error, %, of that."""
+    """Mean and largest error, %, of :func:`weights_of`."""
     found = errors(one.verb, weights_of(one, adverbs, pseudo, searches), adverbs)
     return float(found.mean()), float(found.max())

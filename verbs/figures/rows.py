@@ -25,14 +25,14 @@ _BENT = {
     (charts.PLANAR, 0): ("left", " m"),
     (charts.PLANAR, 1): ("forward", " m"),
 }
-"""What the axes of bent charts are called, and counted in."""
+"""Names and units of the axes of bent charts."""
 
 _LEAST_M = 1.35
 """Least distance of neighbours, so that the text under them has room."""
 
 
 def draw(folder: Path, verbs: list[Verb], progress: Progress) -> list[Path]:
-    """Draw one picture per verb; a captured verb of a built-in's name is told apart by its number of examples."""
+    """Draw one picture per verb; captured verbs are marked in the file name."""
     paths = []
     for k, verb in enumerate(verbs):
         progress("poses", k, len(verbs))
@@ -44,16 +44,16 @@ def draw(folder: Path, verbs: list[Verb], progress: Progress) -> list[Path]:
 
 
 def _draw_verb(path: Path, verb: Verb) -> None:
-    """One row per chart axis, the others at mid-range, at the instant that is measured."""
-    evaluator, place = Evaluator(verb), verb.measure.kind == measures.POSITION
+    """One row per chart axis, the others at mid-range, at the measured instant."""
+    evaluator, position = Evaluator(verb), verb.measure.kind == measures.POSITION
     lines = [_line(verb, axis) for axis in range(len(verb.adverbs))]
     adverbs = np.concatenate(lines)
     phase = float(verb.phases[verb.measure.keytime]) if verb.measure.keytime >= 0 else 0.25
     poses = evaluator.pose(adverbs, phase=phase)
     bodies = points(verb.skeleton, poses.root, poses.rotations)
-    if not place:  # who travels is drawn where the others are
+    if not position:  # travelling figures are drawn side by side
         bodies = bodies - poses.root[:, None] * np.array([1.0, 0.0, 1.0])
-    goals = evaluator.goal.points(adverbs) if place else None
+    goals = evaluator.goal.points(adverbs) if position else None
     draw_poses(
         verb.skeleton,
         list(bodies),
@@ -76,15 +76,17 @@ def _line(verb: Verb, axis: int) -> F64:
 
 
 def _words(verb: Verb, axis: int, rows: F64) -> list[str]:
-    """Under each pose of a row, where it is on the chart axis that the row runs along."""
+    """Labels of a row: coordinates on its chart axis."""
     chart, adverb = verb.domain.chart, verb.adverbs[axis]
-    places = (verb.domain.chart.points(rows) / chart.scale + chart.shift)[:, axis]
+    coordinates = (verb.domain.chart.points(rows) / chart.scale + chart.shift)[:, axis]
     bent = (chart.kind, int(np.flatnonzero(chart.axes == axis)[0])) if axis in chart.axes else (charts.IDENTITY, 0)
     name, unit = _BENT.get(bent, (adverb.name.split("_")[0], " " + adverb.unit))
     if unit == "°":
-        places = np.degrees((places / chart.bend[3] + chart.bend[2] + np.pi) % (2 * np.pi) - np.pi)
+        coordinates = np.degrees((coordinates / chart.bend[3] + chart.bend[2] + np.pi) % (2 * np.pi) - np.pi)
     digits = 0 if unit == "°" else 2
-    return [f"{name} {place + 0.0:.{digits}f}{unit}".replace("-", "−") for place in np.round(places, digits)]
+    return [
+        f"{name} {coordinate + 0.0:.{digits}f}{unit}".replace("-", "−") for coordinate in np.round(coordinates, digits)
+    ]
 
 
 def _spacing(bodies: F64) -> float:

@@ -1,4 +1,4 @@
-"""One evaluation per verb and method, which every picture and table of seed 2 reuses."""
+"""One evaluation per verb and method, shared by all figures and tables of seed 2."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from verbs.conventions import F64
 from verbs.domain import Points, Slice, accuracy_points, describe, plane, random_points
 from verbs.figures.canvas import SHOWN
 from verbs.goal import diagonal
-from verbs.quality.report import Figures, measure
+from verbs.quality.report import Quality, quality_of
 from verbs.quality.smoothness import curvature
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb
@@ -25,13 +25,13 @@ from verbs.verb import Verb
 __all__ = ["MOCAP", "Progress", "Study", "found", "study"]
 
 Progress = Callable[[str, int, int], None]
-"""Told a stage, how much of it is done, and how much there is."""
+"""Called with a stage, the steps done, and the number of steps."""
 
 MOCAP = ("reach", "punch", "kick", "jump", "locomotion")
 """Verbs of seed 2, in its order."""
 
 SOLVED = {"rbf": "rbf", "search": "rbf", "refined": "refined", "hybrid": "refined", "corrected": "smooth"}
-"""Methods that ask a basis which was solved before they are made; others solve for themselves, or need none."""
+"""Basis of the methods that use one solved in advance; the others solve their own, or need none."""
 
 NODES, QUICK_NODES = 61, 13
 PSEUDO, QUICK_PSEUDO = 100, 4
@@ -39,13 +39,13 @@ PSEUDO, QUICK_PSEUDO = 100, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
-    """What every method does on one verb.
+    """Quality of every method on one verb.
 
     Parameters
     ----------
     verb : Verb
         With a refined basis.
-    figures : mapping of str to Figures
+    figures : mapping of str to Quality
         By method.
     section : Slice
         The plane of the maps.
@@ -58,7 +58,7 @@ class Study:
     """
 
     verb: Verb
-    figures: Mapping[str, Figures]
+    figures: Mapping[str, Quality]
     section: Slice
     errors: Mapping[str, F64]
     curvatures: Mapping[str, F64]
@@ -67,12 +67,12 @@ class Study:
 
 
 def found(data: Path) -> list[Verb]:
-    """Build the verbs of seed 2 that a folder holds."""
+    """Build the verbs of seed 2 that a folder contains."""
     return [build(data / name).verb for name in MOCAP if (data / name / "verb.toml").is_file()]
 
 
 def study(verb: Verb, *, quick: bool, progress: Progress) -> Study:
-    """Refine a verb and measure every method on it.
+    """Refine a verb and evaluate every method on it.
 
     Parameters
     ----------
@@ -92,12 +92,12 @@ def study(verb: Verb, *, quick: bool, progress: Progress) -> Study:
         adverbs = random_points(held, np.random.default_rng(1), count)
         points = Points(adverbs, f"{count} random points (seed 1) in the {describe(held)}")
     names = [name for name in METHODS if name in usable(held)]
-    rows: dict[str, Figures] = {}
+    rows: dict[str, Quality] = {}
     for k, name in enumerate(names):
-        progress(f"measuring {held.name}", k, len(names))
-        row = measure(held, name, nodes=nodes, points=points)
+        progress(f"quality of {held.name}", k, len(names))
+        row = quality_of(held, name, nodes=nodes, points=points)
         rows[name] = replace(row, precompute_s=row.precompute_s + (prepared[SOLVED[name]] if name in SOLVED else 0))
-    progress(f"measuring {held.name}", len(names), len(names))
+    progress(f"quality of {held.name}", len(names), len(names))
     section, evaluator = _section(held, nodes), Evaluator(held)
     maps = {name: _maps(evaluator, section, name) for name in SHOWN if name in rows}
     errors, bends = ({name: pair[k] for name, pair in maps.items()} for k in (0, 1))
@@ -105,7 +105,7 @@ def study(verb: Verb, *, quick: bool, progress: Progress) -> Study:
 
 
 def _solving_s(verb: Verb, refining_s: float) -> dict[str, float]:
-    """Seconds that making each basis takes: builds do it once, and a comparison of methods has to count it."""
+    """Seconds to solve each basis: a build does it once, and a comparison of methods counts it."""
     started = time.perf_counter()
     cardinal(verb.bases["rbf"].chart, verb.values)
     between = time.perf_counter()

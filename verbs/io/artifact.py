@@ -1,6 +1,6 @@
-"""Verb ↔ ``.verb`` file: one safetensors file, mapped and not copied, checked before it is believed.
+"""Save and load ``.verb`` files: one safetensors file, memory-mapped and checked.
 
-The layout is documented in ``docs/artifact.md``, well enough to be read without this code.
+The layout is documented in ``docs/artifact.md``.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Arrays = dict[str, np.ndarray[Any, Any]]
 
 
 def save(verb: Verb, path: str | Path) -> None:
-    """Write a verb; the file appears whole or not at all.
+    """Write a verb to a file, atomically.
 
     The same verb gives the same bytes. Raises :class:`ArtifactError` where the file cannot be written.
     """
@@ -59,14 +59,14 @@ def save(verb: Verb, path: str | Path) -> None:
 
 
 def load(path: str | Path) -> Verb:
-    """Map a ``.verb`` file and check all of it.
+    """Load a ``.verb`` file: map it and check all of it.
 
     Raises
     ------
     ArtifactVersionError
         It was written in a newer format.
     ArtifactCorrupt
-        It is not a verb, is cut, or was changed after it was written.
+        It is not a verb, is truncated, or was changed after it was written.
     ArtifactError
         It cannot be opened.
     """
@@ -74,7 +74,7 @@ def load(path: str | Path) -> Verb:
     arrays, facts = _map(path)
     version = facts.get("format")
     if not isinstance(version, int) or version < 1:
-        raise ArtifactCorrupt(path, f"its format is {version!r:.40}, not a number from 1 on")
+        raise ArtifactCorrupt(path, f"its format is {version!r:.40}, not a positive integer")
     if version > FORMAT:
         raise ArtifactVersionError(path, f"has format {version}; this Adverb reads up to {FORMAT}: upgrade it")
     if facts.pop("sha256", None) != _digest(arrays, facts):
@@ -86,7 +86,7 @@ def load(path: str | Path) -> Verb:
 
 
 def _facts(verb: Verb) -> dict[str, Any]:
-    """Everything that is no array, as JSON values."""
+    """All metadata, as JSON values."""
     skeleton, measure = verb.skeleton, verb.measure
     return {
         "format": _format(verb),
@@ -157,7 +157,7 @@ def _chart_arrays(prefix: str, chart: Chart) -> Arrays:
 
 
 def _text(facts: dict[str, Any]) -> str:
-    """Facts as the one JSON text that stands for them."""
+    """Canonical JSON text of the facts."""
     return json.dumps(facts, sort_keys=True, ensure_ascii=False, allow_nan=False)
 
 
@@ -177,21 +177,21 @@ def _map(path: Path) -> tuple[Arrays, dict[str, Any]]:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             if not 16 <= size <= MAX_BYTES:
-                raise ArtifactCorrupt(path, f"is {size} bytes long, which no verb is")
+                raise ArtifactCorrupt(path, f"is {size} bytes long, which is no valid size")
             block = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except OSError as err:
         raise ArtifactError(path, f"cannot be opened: {err.strerror or err}") from err
     length = int.from_bytes(block[:8], "little")
     if not 2 <= length <= min(MAX_HEADER_BYTES, size - 8):
-        raise ArtifactCorrupt(path, "does not start like a safetensors file")
+        raise ArtifactCorrupt(path, "is no safetensors file")
     try:
         header = json.loads(block[8 : 8 + length].decode("utf-8"))
         facts = json.loads(header.pop("__metadata__")["adverb"])
         arrays = _views(path, block, 8 + length, header)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as err:
-        raise ArtifactCorrupt(path, f"has a header that is no verb's: {type(err).__name__}") from err
+        raise ArtifactCorrupt(path, f"has an invalid header: {type(err).__name__}") from err
     if not isinstance(facts, dict):
-        raise ArtifactCorrupt(path, "has a header that is no verb's")
+        raise ArtifactCorrupt(path, "has an invalid header")
     return arrays, facts
 
 

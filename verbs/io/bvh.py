@@ -1,17 +1,17 @@
-"""Strict BVH reader and writer: a file is read right, or refused with its line.
+"""Strict BVH reader and writer: invalid files are refused with their line.
 
-What the format leaves open is decided here:
+Decisions where the format is ambiguous:
 
 - Each joint has its own channel order; rotation channels apply from left to right (R = first · second ·
-  third). One to three axes may turn; a missing one does not. Where a position channel stands among them has
-  no meaning.
+  third). There are one to three of them; a missing axis has angle 0. The order of
+  position channels among them has no meaning.
 - A position channel *replaces* that component of the joint's OFFSET, as in pymotion and most other tools.
   Only the root may move: another joint's position channels must stay constant, and become its offset.
 - A root without position channels stands at its OFFSET. ``Skeleton.offsets[0]`` is always zero.
 - Every End Site becomes a tip. The writer gives a leaf joint without a tip an End Site of zero length, since
   the format asks for one; reading that file back adds the tip.
 - A rate next to a whole number, or to a whole number / 1.001, is that number: ``0.03333333`` s are 30 fps.
-- A joint's name is the rest of its line, so that ``mixamorig:Hips`` and ``Left Arm`` are names.
+- A joint's name is the rest of its line: ``mixamorig:Hips`` and ``Left Arm`` are valid.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def read(path: str | Path, *, unit: str = "m") -> Motion:
     path : str or Path
         A regular file of UTF-8 text, at most ``conventions.MAX_FILE_BYTES`` long.
     unit : str
-        The file's unit of length, a key of ``conventions.METRES_PER_UNIT``; BVH itself does not say.
+        The file's unit of length, a key of ``conventions.METRES_PER_UNIT``; BVH files do not state it.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def read(path: str | Path, *, unit: str = "m") -> Motion:
     Raises
     ------
     MotionFileError
-        If the file cannot be read or is not strictly valid; says where, what was expected, what was found.
+        If the file cannot be read or is not strictly valid; with line, expected and found.
     UnknownName
         If the unit is not known.
     """
@@ -71,7 +71,7 @@ def read(path: str | Path, *, unit: str = "m") -> Motion:
 
 
 def parse(text: str, *, name: str = "<text>", unit: str = "m") -> Motion:
-    """Read a motion from BVH text; ``name`` is what errors call it, the rest is as in :func:`read`.
+    """Read a motion from BVH text; errors call it ``name``; the rest is as in :func:`read`.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def dump(motion: Motion, *, order: str = "ZXY", decimals: int = 6) -> str:
 
 
 def write(motion: Motion, path: str | Path, *, order: str = "ZXY", decimals: int = 6) -> None:
-    """Write a motion to a BVH file, whole or not at all; the parameters are those of :func:`dump`.
+    """Write a motion to a BVH file, atomically; the parameters are those of :func:`dump`.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def _content(path: str | Path) -> bytes:
 
 
 def _open_without_waiting(path: str, flags: int) -> int:
-    """Open a path so that a pipe without a writer does not block for ever."""
+    """Open a path without blocking on a pipe that has no writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -194,7 +194,7 @@ def _header_lines(skeleton: Skeleton, order: str, decimals: int) -> tuple[list[s
     def placed(offset: F64) -> str:
         return "OFFSET " + " ".join(f"{value:.{decimals}f}" for value in np.round(offset, decimals) + 0.0)
 
-    turns = " ".join(f"{axis}rotation" for axis in order)
+    channels = " ".join(f"{axis}rotation" for axis in order)
     lines, joints, waiting = ["HIERARCHY"], [], [(0, 0)]
     while waiting:
         joint, depth = waiting.pop()
@@ -205,8 +205,8 @@ def _header_lines(skeleton: Skeleton, order: str, decimals: int) -> tuple[list[s
         joints.append(joint)
         lines += [f"{tab}{'JOINT' if joint else 'ROOT'} {skeleton.names[joint]}", tab + "{"]
         lines.append(f"{tab}\t{placed(skeleton.offsets[joint] * (joint > 0))}")
-        channels = f"3 {turns}" if joint else f"6 Xposition Yposition Zposition {turns}"
-        lines.append(f"{tab}\tCHANNELS {channels}")
+        count = "3" if joint else "6 Xposition Yposition Zposition"
+        lines.append(f"{tab}\tCHANNELS {count} {channels}")
         for offset in tips[joint] or ([] if children[joint] else [np.zeros(3)]):
             lines += [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\t{placed(offset)}", f"{tab}\t}}"]
         waiting.append((-1, depth))
@@ -215,7 +215,7 @@ def _header_lines(skeleton: Skeleton, order: str, decimals: int) -> tuple[list[s
 
 
 def _frame_time(fps: float) -> str:
-    """Seconds per frame with as many digits, at least 8, as bring the rate back."""
+    """Seconds per frame with as many digits, at least 8, as the exact rate needs."""
     text = ""
     for digits in range(8, 25):
         text = f"{1.0 / fps:.{digits}f}"
@@ -228,7 +228,7 @@ def _continuous_euler(order: str, rotations: F64) -> F64:
     """Euler angles (F, J, 3), radians, each as near to its previous frame as the rotation allows.
 
     Half the sum and half the difference of the outer angles come straight from the quaternion. At gimbal lock
-    one of the two means nothing: it keeps its last value, and the rotation stays exact.
+    one of the two is undefined: it keeps its last value, and the rotation stays exact.
 
     Source: E. Bernardes and S. Viollet, "Quaternion to Euler angles conversion: A direct, general and
     computationally efficient method", 2022; here for intrinsic orders of three different axes.

@@ -1,4 +1,4 @@
-"""The strict half of :mod:`verbs.io.bvh`: BVH text in, a checked Motion out.
+"""The parser of :mod:`verbs.io.bvh`: BVH text in, a checked Motion out.
 
 Three steps: the header by statements, the motion block as one table, the table through the header's channels.
 """
@@ -30,8 +30,8 @@ _FRAMES = re.compile(r"frames\s*:\s*(\d{1,9})", re.ASCII | re.IGNORECASE)
 _FRAME_TIME = re.compile(r"frame\s+time\s*:\s*(\S+)", re.IGNORECASE)
 
 MAX_STATEMENT = 1_000  # characters; far above any real joint name or channel list
-_MAX_VALUE = 1e9  # beyond it nothing is a length or an angle, and squares of it could overflow later
-_MAX_ROTATIONS = 20_000_000  # frames × joints: 640 MB of quaternions, which a small hostile file could claim
+_MAX_VALUE = 1e9  # larger numbers are no lengths or angles, and their squares could overflow
+_MAX_ROTATIONS = 20_000_000  # frames × joints: 640 MB of quaternions, which a small hostile file could declare
 FRAME_TIME_S = (1e-6, 60.0)
 _STILL_M = 1e-6
 
@@ -86,7 +86,7 @@ class _Text:
 
 
 def motion_from_text(text: str, path: str, metres_per_unit: float) -> Motion:
-    """Read a motion from BVH text; ``path`` is what errors call it.
+    """Read a motion from BVH text; errors call it ``path``.
 
     Raises
     ------
@@ -100,11 +100,11 @@ def motion_from_text(text: str, path: str, metres_per_unit: float) -> Motion:
 
 
 def frame_rate(frame_time_s: float) -> float:
-    """Rate that a rounded frame time stands for: the nearest whole number, or whole number / 1.001, if near enough."""
+    """Rate of a rounded frame time: the nearest whole number, or whole number / 1.001, if near enough."""
     exact = 1.0 / frame_time_s
     candidates = [max(round(exact * scale), 1) / scale for scale in (1.0, 1.001)]
     nearest = min(candidates, key=lambda rate: abs(rate - exact))
-    # 0.016667 stands for 1/60 and is 2e-5 off, 0.008333 for 1/120 and 4e-5; 60 and 59.94 fps are 1e-3 apart.
+    # 0.016667 stands for 1/60 with an error of 2e-5, 0.008333 for 1/120 and 4e-5; 60 and 59.94 fps are 1e-3 apart.
     return nearest if abs(nearest * frame_time_s - 1.0) <= 5e-5 else exact
 
 
@@ -240,7 +240,7 @@ def _read_motion(source: _Text, header: _Header) -> tuple[float, F64]:
 
 
 def _quick_table(source: _Text, frames: int, columns: int) -> F64 | None:
-    """All rows at once; None where anything is unusual, for the careful reader to say what and where."""
+    """All rows at once; None where anything is unusual, for the slow reader to report it with its line."""
     rest = source.text[source.position :]
     if "_" in rest or not rest.isascii():  # Python's float takes 1_0 and the digits of other scripts
         return None
@@ -256,12 +256,12 @@ def _quick_table(source: _Text, frames: int, columns: int) -> F64 | None:
     if len(values) != frames * columns:
         return None
     table = np.frombuffer(values, np.float64).reshape(frames, columns)
-    # Written so that nan, which no comparison finds, is refused too.
+    # Written so that NaN, for which comparisons are false, is refused too.
     return table if table.min() >= -_MAX_VALUE and table.max() <= _MAX_VALUE else None
 
 
 def _careful_table(source: _Text, frames: int, columns: int, frames_line: int) -> F64:
-    """Row by row, so that the first wrong line is the one that is named."""
+    """Row by row: errors name the first wrong line."""
     values, rows = array("d"), 0
     while row := source.take(_ROW):
         if rows == frames:

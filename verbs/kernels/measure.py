@@ -117,7 +117,7 @@ def goals(space: GoalSpace, adverbs: F64, out: F64) -> None:
 
 @kernel
 def compare(space: GoalSpace, adverbs: F64, points: F64, measured: F64, error: F64) -> None:
-    """Measured adverbs (B, m), in their units, of points (B, 3), and the points' distance (B,), in SI, from the goals."""
+    """Measured adverbs (B, m), in their units, of points (B, 3), and the distance (B,), in SI, of points and goals."""
     goal = np.empty((1, 3))
     for b in range(adverbs.shape[0]):
         goals(space, adverbs[b : b + 1], goal)

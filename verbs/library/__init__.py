@@ -1,4 +1,4 @@
-"""Built-in verbs: authored by this project's own code, each with its source and its artifact."""
+"""Built-in verbs, each with its source and its artifact."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Foot contact and foot slide: where toes stand in the examples, and how far they slide in blends of these.
+"""Foot contact and foot slide: when toes stand in the examples, and how far they slide in blends.
 
-Whether a toe stands in a blend is told by the examples, blended like the pose: c(σ) = Σ w_i c_i(σ) over canonical
+Contact in a blend is the contact of the examples, blended like the pose: c(σ) = Σ w_i c_i(σ) over canonical
 time σ, where c_i is 1 while the toe stands in example i and 0 while it does not; it stands where c > 1/2. A detector
-run on the blend itself would not see a foot that slides fast, and so hide the slide that is to be measured.
+run on the blend itself would miss a foot that slides fast.
 
-Runs, whose feet hardly slow down, have fewer stances than steps: what is not found does not count as slide.
+Runs, whose feet hardly slow down, have fewer stances than steps: slide is counted in detected stances only.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ SHORTEST_GAP_S, SHORTEST_S = 0.060, 0.100
 """Gaps shorter than the first are closed, then stances shorter than the second dropped."""
 
 GOALS, GOALS_SEED = 60, 3
-"""Random goals in the domain whose motions are measured, and the seed that they are drawn from."""
+"""Number of random goals in the domain whose motions are evaluated, and their seed."""
 
 _CYCLES, _MIDDLE = 3, 1
-"""Cycles of a loop that are sampled, and which of them, from 0, counts: no stance in it is cut off."""
+"""Cycles of a loop that are sampled, and the one that counts, in which no stance is cut off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
-    """Where the toes of a verb's examples stand.
+    """When the toes of a verb's examples stand.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ class Contacts:
 class Slides:
     """How far toes slide while they stand.
 
-    The slide of a stance is the largest distance over the ground of the toe from its mean place in that stance.
+    The slide of a stance is the largest distance over the ground of the toe from its mean position in that stance.
 
     Parameters
     ----------
     stances : int
-        How many there are; the rest is NaN where there are none.
+        Number of stances; the rest is NaN where there are none.
     median_m, p90_m, max_m : float
         Median, 90th percentile and largest slide of all stances, metres.
     """
@@ -111,20 +111,20 @@ class Slides:
 
 
 NONE = Slides(0, np.nan, np.nan, np.nan)
-"""Where nothing stands, or nothing was measured."""
+"""No stance, or not evaluated."""
 
 
 def toes(skeleton: Skeleton) -> I64:
-    """Joints (T,) whose names end in ToeBase; none where a skeleton has no feet."""
+    """Joints (T,) whose names end in ToeBase; none in a skeleton without feet."""
     return np.array([k for k, name in enumerate(skeleton.names) if name.endswith("ToeBase")], np.int64)
 
 
-def detect(places: F64, floor_m: float) -> Flags:
-    """Whether toes stand, from where they are.
+def detect(positions: F64, floor_m: float) -> Flags:
+    """Detect when toes stand, from their positions.
 
     Parameters
     ----------
-    places : (F, T, 3) float64
+    positions : (F, T, 3) float64
         Positions at 60 Hz, metres, +Y up.
     floor_m : float
         Height of the floor.
@@ -133,8 +133,8 @@ def detect(places: F64, floor_m: float) -> Flags:
     -------
     standing : (F, T) bool
     """
-    speeds = np.linalg.norm(np.gradient(places, 1.0 / RATE_HZ, axis=0), axis=-1)
-    heights = places[..., 1] - floor_m
+    speeds = np.linalg.norm(np.gradient(positions, 1.0 / RATE_HZ, axis=0), axis=-1)
+    heights = positions[..., 1] - floor_m
     sure, perhaps = (speeds < ON_M_S) & (heights < ON_M), (speeds < OFF_M_S) & (heights < OFF_M)
     out = np.zeros(speeds.shape, np.bool_)
     for toe in range(out.shape[1]):
@@ -163,12 +163,12 @@ def _runs(flags: Flags) -> I64:
 
 
 def contacts(evaluator: Evaluator) -> Contacts | None:
-    """Find where the toes of a verb's examples stand; None where its skeleton has no toes."""
+    """Detect when the toes of a verb's examples stand; None where its skeleton has no toes."""
     joints = toes(evaluator.verb.skeleton)
     if not len(joints):
         return None
-    phases, places = zip(*(sampled(evaluator, blend) for blend in examples(evaluator)), strict=True)
-    paths = [one[:, joints] for one in places]
+    phases, positions = zip(*(sampled(evaluator, blend) for blend in examples(evaluator)), strict=True)
+    paths = [one[:, joints] for one in positions]
     floor = float(np.percentile(np.concatenate([path[..., 1].ravel() for path in paths]), FLOOR_PERCENTILE))
     standing = tuple(detect(path, floor) for path in paths)
     return Contacts(joints, floor, evaluator.verb.looping, phases, standing)
@@ -178,8 +178,8 @@ def example_slides(evaluator: Evaluator, found: Contacts) -> Slides:
     """Slides of the examples themselves."""
     distances = []
     for blend, standing in zip(examples(evaluator), found.standing, strict=True):
-        phases, places = sampled(evaluator, blend)
-        distances.append(_distances(found, phases, places, standing))
+        phases, positions = sampled(evaluator, blend)
+        distances.append(_distances(found, phases, positions, standing))
     return Slides.of(np.concatenate(distances))
 
 
@@ -188,13 +188,13 @@ def slides(evaluator: Evaluator, found: Contacts, adverbs: F64, *, method: str |
     distances = []
     for row in adverbs:
         blend = evaluator.blend(row[None], method=method)
-        phases, places = sampled(evaluator, blend)
-        distances.append(_distances(found, phases, places, found.share(blend.weights[0], phases) > 0.5))
+        phases, positions = sampled(evaluator, blend)
+        distances.append(_distances(found, phases, positions, found.share(blend.weights[0], phases) > 0.5))
     return Slides.of(np.concatenate(distances))
 
 
 def goals(verb: Verb) -> F64:
-    """Adverbs (60, D) of the goals whose motions are measured: random ones in the domain, the same every time."""
+    """Adverbs (60, D) of random goals in the domain, the same every time."""
     return random_points(verb, np.random.default_rng(GOALS_SEED), GOALS)
 
 
@@ -212,7 +212,7 @@ def sampled(evaluator: Evaluator, blend: Blend) -> tuple[F64, F64]:
     return poses.phase, evaluator.positions(poses)[1]
 
 
-def _distances(contact: Contacts, phases: F64, places: F64, standing: Flags) -> F64:
+def _distances(contact: Contacts, phases: F64, positions: F64, standing: Flags) -> F64:
     """Slide (S,) of every stance in a motion, metres; of a loop, of those that begin in its middle cycle."""
     found = []
     for toe, joint in enumerate(contact.toes):
@@ -221,7 +221,7 @@ def _distances(contact: Contacts, phases: F64, places: F64, standing: Flags) -> 
             if contact.looping:
                 frames = _of_middle_cycle(phases, frames)
             if len(frames):
-                path = places[frames, joint][:, [0, 2]]
+                path = positions[frames, joint][:, [0, 2]]
                 found.append(float(np.linalg.norm(path - path.mean(axis=0), axis=1).max()))
     return np.array(found)
 

@@ -1,6 +1,7 @@
-"""How a character moves while its goal moves: the pose held at the effector's keytime, weights asked for every frame.
+"""Quality of goal tracking: joint accelerations while the goal of a held pose moves on a circle.
 
-A goal on a circle has one acceleration of its own. What the joints add to it is the method's doing.
+Weights are evaluated every frame at the effector's keytime. A goal on a circle has a constant acceleration; more than
+that comes from the method.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ __all__ = ["Follow", "circles", "follow"]
 RATE_HZ = 60.0
 
 JITTER = 3.0
-"""A frame jitters where its acceleration is above this many times the median of its neighbourhood."""
+"""A frame jitters if its acceleration exceeds the median of its neighbourhood by this factor."""
 
 NEIGHBOURHOOD = 15
-"""Frames to either side."""
+"""Frames on either side."""
 
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """Following goals on circles.
+    """Result of following goals on circles.
 
     Parameters
     ----------
@@ -48,20 +49,20 @@ class Follow:
 
 
 def circles(
-    evaluator: Evaluator, rng: np.random.Generator, *, count: int = 12, radius_m: float = 0.12, turn_hz: float = 0.5
+    evaluator: Evaluator, rng: np.random.Generator, *, count: int = 12, radius_m: float = 0.12, cycle_hz: float = 0.5
 ) -> F64:
-    """Goals (count, F, 3) on circles inside the domain, in random planes, two turns each at 60 Hz.
+    """Goals (count, F, 3) on circles inside the domain, in random planes, two revolutions each at 60 Hz.
 
     Raises
     ------
     RequestError
-        If the verb's goals are no positions in space, or hardly a circle of this radius fits into its domain.
+        If the verb's goals are no positions in space, or too few circles of this radius fit into its domain.
     """
     verb = evaluator.verb
     if verb.measure.kind != measures.POSITION or len(verb.adverbs) != 3:
-        raise RequestError(f"'{verb.name}' has no goal in space that could follow a circle")
-    frames = np.arange(round(2.0 / turn_hz * RATE_HZ))
-    angle = 2.0 * np.pi * turn_hz / RATE_HZ * frames
+        raise RequestError(f"'{verb.name}' has no goal in space to move on a circle")
+    frames = np.arange(round(2.0 / cycle_hz * RATE_HZ))
+    angle = 2.0 * np.pi * cycle_hz / RATE_HZ * frames
     kept: list[F64] = []
     for centre in random_points(verb, rng, 4_000):
         first, second = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
@@ -75,13 +76,13 @@ def circles(
 
 
 def follow(evaluator: Evaluator, method: str, paths: F64) -> Follow:
-    """Follow goals (C, F, 3), weights recomputed every frame, and measure accelerations (m/s²) and jitter."""
+    """Follow goals (C, F, 3), weights evaluated every frame; accelerations (m/s²), jitter and error."""
     verb, ratios, jitters, errors = evaluator.verb, [], [], []
     phase = float(verb.phases[verb.measure.keytime])
     for path in paths:
         poses = evaluator.pose(np.ascontiguousarray(path), phase=np.full(len(path), phase), method=method)
-        _, places = evaluator.positions(poses)
-        joints = np.linalg.norm(np.diff(places, n=2, axis=0), axis=-1).max(axis=1) * RATE_HZ**2
+        _, positions = evaluator.positions(poses)
+        joints = np.linalg.norm(np.diff(positions, n=2, axis=0), axis=-1).max(axis=1) * RATE_HZ**2
         own = np.linalg.norm(np.diff(evaluator.goal.points(path), n=2, axis=0), axis=-1).max() * RATE_HZ**2
         windows = np.lib.stride_tricks.sliding_window_view(joints, 2 * NEIGHBOURHOOD + 1)
         middle = joints[NEIGHBOURHOOD : len(joints) - NEIGHBOURHOOD]

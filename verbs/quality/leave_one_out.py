@@ -1,7 +1,7 @@
-"""Leave-one-out: how near a method comes to an example's pose when it is made from the others.
+"""Leave-one-out: difference between an example's pose and its prediction from the others.
 
-The examples that are left out mostly lie on the hull of all, so this asks for extrapolation: it says which method stays
-closest to what the animator did, and nothing about error inside the domain.
+Most left-out examples lie on the hull of all, so this is extrapolation: it compares methods with the examples and
+is not the error inside the domain.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class LeftOut:
 
 
 def subset(verb: Verb, kept: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Verb:
-    """A verb of some of its examples; domain and bases are solved anew, in charts that bend as they did."""
+    """A verb of some of its examples; domain and bases are solved again, in charts of the same kind."""
     values = np.ascontiguousarray(verb.values[kept])
     smooth = "smooth" in verb.bases
     chart = _rescaled(verb.domain.chart, verb, values)
@@ -59,7 +59,7 @@ def leave_one_out(verb: Verb, methods: tuple[str, ...]) -> list[LeftOut]:
     """Predict each example from the others, by each method.
 
     The pose compared is the one at the effector's keytime, or the mean over ten phases where there is none. Goals are
-    not drawn back to the smaller domain, so that methods are compared and not the clamp.
+    not clamped to the smaller domain.
     """
     count = len(verb.examples)
     keytime = verb.measure.keytime
@@ -74,7 +74,7 @@ def leave_one_out(verb: Verb, methods: tuple[str, ...]) -> list[LeftOut]:
             weights = other.method(name)[1].weights(verb.values[i : i + 1].copy())
             blend = other.measure(name, weights, verb.values[i : i + 1], np.zeros(1, bool))
             shown = other.pose_of(blend, phase=phases)
-            turns = quat.log(quat.mul(quat.conjugate(own.rotations), shown.rotations))
-            angles[m, i] = np.linalg.norm(turns, axis=-1).mean()
+            differences = quat.log(quat.mul(quat.conjugate(own.rotations), shown.rotations))
+            angles[m, i] = np.linalg.norm(differences, axis=-1).mean()
             errors[m, i] = blend.error[0]
     return [LeftOut(name, float(angles[m].mean()), float(errors[m].mean())) for m, name in enumerate(methods)]

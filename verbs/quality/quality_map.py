@@ -24,13 +24,13 @@ MOST_NODES = 101
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Map:
-    """What a method does over a plane.
+    """Error and smoothness of a method over a plane.
 
     Parameters
     ----------
     method : str
     across, up : str
-        Adverbs of the axes; the same one twice where the verb has one adverb.
+        Adverbs of the axes; equal where the verb has one adverb.
     held : dict of str to float
         The other adverbs.
     rows, columns : (m,), (n,) float64
@@ -63,17 +63,17 @@ def over(
     held: Mapping[str, float] | None = None,
     nodes: int = 41,
 ) -> Map:
-    """Measure a method on a grid over two adverbs.
+    """Evaluate a method on a grid over two adverbs.
 
     Parameters
     ----------
     evaluator : Evaluator
     method : str, optional
-        The verb's own unless given.
+        Default: the verb's.
     across, up : str, optional
-        Adverbs of the axes; the first ones that are not held unless given.
+        Adverbs of the axes. Default: the first ones that are not held.
     held : mapping, optional
-        Values of the others; the middle of the examples' range unless given.
+        Values of the other adverbs. Default: the middle of the examples' range.
     nodes : int
         To a side, 3 to :data:`MOST_NODES`.
 
@@ -121,7 +121,7 @@ def _axes(evaluator: Evaluator, across: str | None, up: str | None, held: Mappin
 
 
 def _held(evaluator: Evaluator, held: Mapping[str, float], axes: tuple[int, int]) -> F64:
-    """All adverbs (D,); those of the axes are somewhere."""
+    """All adverbs (D,); those of the axes are placeholders."""
     verb = evaluator.verb
     values = np.array([0.5 * (adverb.minimum + adverb.maximum) for adverb in verb.adverbs])
     for name, value in held.items():

@@ -1,4 +1,4 @@
-"""The figures of one method on one verb: error, smoothness, time."""
+"""Quality of one method on one verb: error, smoothness, time."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from verbs.runtime.evaluate import Evaluator
 from verbs.units import quantity
 from verbs.verb import Verb
 
-__all__ = ["Figures", "measure", "recommend"]
+__all__ = ["Quality", "quality_of", "recommend"]
 
 OUTSIDE_SEED = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
-    """What ``adverb measure`` prints for one method.
+class Quality:
+    """Quality of one method: the fields of ``adverb measure --json``.
 
     Errors are distances, in metres (speeds: m/s) and in percent of the diagonal of the examples' bounding box in the
     space of goals; ``error_outside`` is taken between the hull and the hull grown by a tenth. κ is dimensionless and
     belongs to its grid; ``zoom_ratio`` is the least ratio of its last two halvings around its maximum: 4 where weights
     are twice differentiable, 2 at kinks, 1 at jumps. ``precompute_s`` counts from the examples; ``query_us`` is the
-    least of several runs. Slides of feet are those of :mod:`verbs.quality.foot_contact`; NaN where they were not asked
-    for, or there are no toes.
+    least of several runs. Slides of feet are those of :mod:`verbs.quality.foot_contact`; NaN if not
+    requested, or without toes.
     """
 
     method: str
@@ -57,13 +57,13 @@ class Figures:
     slide_max_m: float = float("nan")
 
     def as_dict(self) -> dict[str, str | int | float | None]:
-        """JSON values; a figure that does not exist is null."""
+        """JSON values; a value that does not exist is null."""
         return {
             key: None if isinstance(value, float) and isnan(value) else value for key, value in asdict(self).items()
         }
 
 
-def measure(
+def quality_of(
     verb: Verb,
     method: str,
     *,
@@ -71,21 +71,21 @@ def measure(
     points: Points | None = None,
     zoom: bool = True,
     slide: bool = False,
-) -> Figures:
-    """Measure a method on a verb.
+) -> Quality:
+    """Evaluate the quality of a method on a verb.
 
     Parameters
     ----------
     verb : Verb
     method : str
     nodes : int
-        Nodes to a side of the slices on which smoothness is measured.
+        Nodes on a side of the slices on which smoothness is evaluated.
     points : Points, optional
-        Where to measure the error; by default :func:`accuracy_points`.
+        Where the error is evaluated; by default :func:`accuracy_points`.
     zoom : bool
-        Whether to measure ``zoom_ratio``, which takes as long as all the rest.
+        Whether to evaluate ``zoom_ratio``, which takes as long as all the rest.
     slide : bool
-        Whether to measure how far feet slide.
+        Whether to evaluate foot slide.
     """
     where, evaluator = points or accuracy_points(verb), Evaluator(verb)
     blend = evaluator.blend(where.adverbs, method=method)
@@ -94,7 +94,7 @@ def measure(
     error_mean, error_max = _mean_and_max(evaluator, blend.error)
     around = random_points(verb, np.random.default_rng(OUTSIDE_SEED), len(where.adverbs), gauge=(1.0, 1.1))
     outside = _mean_and_max(evaluator, evaluator.blend(around, method=method).error)
-    return Figures(
+    return Quality(
         method=method,
         error_mean_m=float(error_mean),
         error_max_m=float(error_max),
@@ -159,11 +159,11 @@ def _query_us(evaluator: Evaluator, method: str, points: Points) -> float:
     return float(1e6 * best / len(batch))
 
 
-def recommend(rows: list[Figures], unit: str = "m") -> str:
-    """Which method to use, and why, from measured figures of at least one method.
+def recommend(rows: list[Quality], unit: str = "m") -> str:
+    """Recommend a method, with reasons, from the quality of at least one method.
 
-    Among the methods whose weights do not jump (zoom ratio of at least 3) the one with the least largest error; among
-    those within a factor of two of it, the smoothest. Where every method jumps, the most accurate.
+    Among the methods whose weights do not jump (zoom ratio of at least 3), those whose largest error is within a factor
+    of two of the smallest count; the smoothest of them is recommended. Where every method jumps, all count.
     """
     steady = [row for row in rows if row.zoom_ratio >= 3.0 or np.isnan(row.zoom_ratio)] or rows
     if np.isnan(steady[0].error_max_m):

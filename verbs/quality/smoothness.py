@@ -2,7 +2,7 @@
 
 Source: Feng, Huang, Kallmann, Shapiro 2012, section 4.1:
 κ = |Σ_ab (w_xy − w_{x+a,y+b})| / 8 over the eight neighbours of a node. It scales with the square of the grid's
-spacing, so a value means nothing without its grid.
+spacing, so values compare only on the same grid.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def curvature(weights: F64, inside: np.ndarray[tuple[int, ...], np.dtype[np.bool
 
 
 def smoothness(evaluator: Evaluator, method: str, *, nodes: int = 61) -> tuple[float, float, str]:
-    """Mean and maximum of κ over the verb's slices, and the words that state the grid."""
+    """Mean and maximum of κ over the verb's slices, and a description of the grid."""
     planes = slices(evaluator.verb, nodes)
     values = np.concatenate([slice_curvature(evaluator, method, one).ravel() for one in planes])
     values = values[np.isfinite(values)]
@@ -58,7 +58,7 @@ def slice_curvature(evaluator: Evaluator, method: str, one: Slice) -> F64:
 
 
 def zoom_ratios(evaluator: Evaluator, method: str, *, nodes: int = 61, halvings: int = 5) -> list[float]:
-    """How the largest κ falls as its grid is halved around it: ratios of successive maxima.
+    """Ratios of successive maxima of κ as the grid is halved around the largest.
 
     The node of largest κ over all slices is found; then the spacing is halved ``halvings`` times on a 13×13 grid about
     the latest maximum. Twice differentiable weights tend to 4, kinks to 2, jumps to 1.

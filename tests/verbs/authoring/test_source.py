@@ -60,7 +60,7 @@ def test_keys_of_captured_sources_are_no_misspellings(mocap, name):
     assert read(mocap / name).warnings == ()
 
 
-def test_missing_folder_says_what_a_source_is(tmp_path):
+def test_a_missing_folder_is_an_error_that_describes_a_source(tmp_path):
     with pytest.raises(SourceError, match="folder with a verb.toml"):
         read(tmp_path / "nowhere")
 
@@ -82,14 +82,14 @@ def test_broken_toml_is_a_source_error(tmp_path, text):
     [
         ('name = "arm"', "", "'name' is missing"),
         ('name = "arm"', 'name = "../arm"', "must be lower-case"),
-        ('name = "arm"', "name = 7", "'name' must be a text, not 7"),
+        ('name = "arm"', "name = 7", "'name' must be a string, not 7"),
         ("effector_keytime_index = 1", "effector_keytime_index = 3", "keytimes are 0 to 2"),
-        ("effector_keytime_index = 1", "effector_keytime_index = true", "must be a whole number"),
+        ("effector_keytime_index = 1", "effector_keytime_index = true", "must be an integer"),
         ('"joint_position"', '"elbow"', "must be one of none, joint_position, jump, root_velocity"),
         ('keytime_names = .*?\n', "", "'keytime_names' is missing"),
-        ('"start", "reach", "end"', '"start", "start", "end"', "one instant twice"),
+        ('"start", "reach", "end"', '"start", "start", "end"', "repeats a name: start"),
         ('"start", "reach", "end"', '"start"', "2 to 64 names"),
-        ('"x"', '"y"', "two adverbs have one name"),
+        ('"x"', '"y"', "two adverbs have the same name"),
         ('"x"', '"1x"', "letters, digits"),
         (r"adverb_values = \[", "adverb_values = [nan, ", "example 'a'.*3 numbers, but there are 2 adverbs"),
         (r"adverb_values = \[[^,]*", "adverb_values = [nan", "example 'a'.*holds nan; numbers must be finite"),
@@ -102,7 +102,7 @@ def test_broken_toml_is_a_source_error(tmp_path, text):
         (r"keytimes = \[0.0, 0.5", "keytimes = [0.5, 0.2", "example 'a'.*'reach' .0.2 s. must come after 'start'"),
         ('file = "a.bvh"', 'file = "../a.bvh"', "own folder"),
         ('file = "a.bvh"', "", "own folder"),
-        ('file = "a.bvh"', 'file = "b.bvh"', "example 'b'.*two examples use one file name"),
+        ('file = "a.bvh"', 'file = "b.bvh"', "example 'b'.*two examples have the same file name"),
         ('name = "arm"', 'name = "arm"\nup_axis = "+Z"', r"convert the motions to \+Y"),
         ('name = "arm"', 'name = "arm"\nunits = {length = "furlong"}', "must be one of m, dm, cm"),
         ('name = "arm"', 'name = "arm"\nsimplices = [[0, 1, 9]]', "3 different example indices below 5"),
@@ -180,7 +180,7 @@ def test_differing_joints_are_named(source):
 def test_differing_bone_lengths_are_named(source):
     longer = Skeleton(("Upper", "Lower", "Hand"), np.array([-1, 0, 1]), np.array([[0, 0, 0], [0.6, 0, 0], [0.4, 0, 0]]))
     write_source(source, {"d": arm_motion(1.0, 1.3, skeleton=longer)}, [], head=(source / "verb.toml").read_text())
-    with pytest.raises(SkeletonMismatch, match="example 'd'.*places joint 'Lower' 100.0 mm elsewhere"):
+    with pytest.raises(SkeletonMismatch, match="example 'd'.*'Lower' at an offset that differs by 100.0 mm"):
         build(source)
 
 

@@ -70,7 +70,7 @@ def test_every_built_in_has_its_columns_beside_the_printed_ones(page):
 def test_feet_are_measured_where_there_are_toes(page):
     section = page.split("## Foot slide\n")[1].split("### Peaks")[0]
     assert re.findall(r"^\| (\w+) \|", section, flags=re.M) == ["verb", "board", "reach"]
-    peaks = page.split("### Peaks of whole motions\n")[1].split("## Pictures")[0]
+    peaks = page.split("### Peaks of whole motions\n")[1].split("## Figures")[0]
     assert re.findall(r"^\| (\w+) \|", peaks, flags=re.M) == ["verb", "arm3", "board", "reach"]
 
 

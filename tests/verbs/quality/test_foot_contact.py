@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 from verbs import library
 from verbs.cli import app
 from verbs.quality import foot_contact
-from verbs.quality.report import measure
+from verbs.quality.report import quality_of
 from verbs.runtime.evaluate import Evaluator
 
 STEP_S, STANCES_S = 0.4, ((0.0, 0.5), (0.9, 1.5), (1.9, 2.6))
@@ -148,7 +148,7 @@ def test_contacts_of_a_loop_repeat():
 def test_a_verb_without_toes_has_no_contacts():
     verb = library.load("arm3")
     assert foot_contact.contacts(Evaluator(verb)) is None
-    row = measure(verb, "rbf", nodes=7, zoom=False, slide=True)
+    row = quality_of(verb, "rbf", nodes=7, zoom=False, slide=True)
     assert row.as_dict()["slide_median_m"] is None
 
 
@@ -161,8 +161,8 @@ def test_feet_that_the_author_planted_hardly_slide():
 
 def test_slides_are_measured_only_where_they_are_asked_for():
     verb = library.load("reach")
-    assert np.isnan(measure(verb, "rbf", nodes=7, zoom=False).slide_max_m)
-    assert 0.0 < measure(verb, "rbf", nodes=7, zoom=False, slide=True).slide_max_m < 0.05
+    assert np.isnan(quality_of(verb, "rbf", nodes=7, zoom=False).slide_max_m)
+    assert 0.0 < quality_of(verb, "rbf", nodes=7, zoom=False, slide=True).slide_max_m < 0.05
 
 
 def test_the_command_measures_feet_where_it_is_told_to():

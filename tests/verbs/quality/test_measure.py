@@ -3,7 +3,7 @@ import pytest
 
 from verbs import library
 from verbs.domain import accuracy_points, inside, random_points, slices
-from verbs.quality.report import measure
+from verbs.quality.report import quality_of
 from verbs.quality.smoothness import curvature, smoothness
 from verbs.runtime.evaluate import Evaluator
 
@@ -33,7 +33,7 @@ def test_curvature_of_a_plane_is_zero():
 
 def test_the_arm_has_the_raw_error_of_its_table():
     """A9 of the published tables: 4.37 % mean, 12.25 % max over a 41-node grid."""
-    figures = measure(library.load("arm3"), "rbf", nodes=21)
+    figures = quality_of(library.load("arm3"), "rbf", nodes=21)
     assert figures.samples == 41 * 41
     assert figures.error_mean_pct == pytest.approx(4.37, rel=0.01)
     assert figures.error_max_pct == pytest.approx(12.25, rel=0.01)

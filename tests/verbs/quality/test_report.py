@@ -3,13 +3,13 @@ import pytest
 
 from verbs import library
 from verbs.quality.leave_one_out import leave_one_out
-from verbs.quality.report import measure, recommend
+from verbs.quality.report import quality_of, recommend
 
 
 @pytest.fixture(scope="module")
 def rows():
     verb = library.load("arm3")
-    return [measure(verb, name, nodes=21) for name in ("rbf", "barycentric", "corrected")]
+    return [quality_of(verb, name, nodes=21) for name in ("rbf", "barycentric", "corrected")]
 
 
 def test_the_recommendation_names_a_method_and_its_reason(rows):

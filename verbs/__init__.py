@@ -1,13 +1,28 @@
-"""Parameterised motions (verbs) from example motions: build, evaluate, refine.
+"""Parameterised motions (verbs) from example motions: build, load, evaluate.
 
-Source: Rose, Sloan, Cohen 2001; Feng, Huang, Kallmann, Shapiro 2012.
+Source: Rose, Sloan, Cohen 2001; Feng, Huang, Kallmann, Shapiro 2012; ``docs/math.md`` has every formula.
+
+Public names; each docstring gives shapes, units and errors:
+
+- :func:`build` a verb from a source folder (:class:`Built`); :func:`load` and :func:`save` a ``.verb`` file.
+- :class:`Verb` with its parts :class:`Adverb`, :class:`Skeleton`, :class:`Measure`, :class:`Domain`, :class:`Chart`,
+  :class:`Basis`: arrays of float64 in metres, seconds and radians; adverbs in their declared unit.
+- :class:`Evaluator`: adverbs (B, D) to a :class:`Blend`, weights (B, N) with error, and to :class:`Poses`, roots (B, 3)
+  and rotations (B, J, 4).
+- :class:`Characters`: state of many characters over time; a step gives :class:`Frames`.
+- :class:`Motion`: root (F, 3) and rotations (F, J, 4) of one clip.
+- :class:`VerbError`: base class of all errors, see :mod:`verbs.errors`.
+
+Built-in verbs are in :mod:`verbs.library`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from verbs.authoring.fit import Built, build
     from verbs.errors import VerbError
+    from verbs.io.artifact import load, save
     from verbs.motion import Motion
     from verbs.runtime.characters import Characters, Frames
     from verbs.runtime.evaluate import Blend, Evaluator, Poses
@@ -18,6 +33,7 @@ __all__ = [
     "Adverb",
     "Basis",
     "Blend",
+    "Built",
     "Characters",
     "Chart",
     "Domain",
@@ -29,13 +45,18 @@ __all__ = [
     "Skeleton",
     "Verb",
     "VerbError",
+    "build",
+    "load",
+    "save",
 ]
 
 _MODULES = {
-    "runtime.characters": ("Characters", "Frames"),
+    "authoring.fit": ("Built", "build"),
     "errors": ("VerbError",),
-    "runtime.evaluate": ("Blend", "Evaluator", "Poses"),
+    "io.artifact": ("load", "save"),
     "motion": ("Motion",),
+    "runtime.characters": ("Characters", "Frames"),
+    "runtime.evaluate": ("Blend", "Evaluator", "Poses"),
     "skeleton": ("Skeleton",),
     "verb": ("Adverb", "Basis", "Chart", "Domain", "Measure", "Verb"),
 }
@@ -51,4 +72,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import verbs
 from tests.verbs.sources import arm_source
 from verbs import library
 from verbs.blend.methods import METHODS
@@ -136,15 +135,6 @@ def test_help_needs_nothing_that_takes_seconds():
 
 def test_help_names_every_method():
     assert HELP_METHODS.split(", ") == list(METHODS)
-
-
-def test_the_librarys_names_are_those_that_it_gives():
-    for name in verbs.__all__:
-        assert getattr(verbs, name).__name__ == name
-        assert name in dir(verbs)
-    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
-        verbs.Nothing  # noqa: B018
-    assert sorted(verbs._MODULE_OF) == sorted(verbs.__all__)
 
 
 def test_every_command_shows_an_example():

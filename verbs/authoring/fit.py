@@ -69,10 +69,28 @@ class Built:
 def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     """Build a verb from its source folder.
 
+    Parameters
+    ----------
+    folder : str or Path
+        With ``verb.toml`` and one motion file per example.
+    progress : callable, optional
+        Called with the name of a stage, the steps done and the number of steps.
+
+    Returns
+    -------
+    built : Built
+        Adverbs in their declared unit, everything else in metres, seconds and radians.
+
     Raises
     ------
-    SourceError, MotionFileError, SkeletonMismatch, IllPosedVerb
-        Naming the example and what to do.
+    SourceError
+        The folder or its ``verb.toml`` is wrong; names the example and what to do.
+    SkeletonMismatch
+        Two motions have different skeletons.
+    IllPosedVerb
+        The examples do not determine a verb.
+
+    Source: Rose, Sloan, Cohen 2001, section 3; Feng, Huang, Kallmann, Shapiro 2012, section 3.
     """
     report = progress or (lambda stage, done, total: None)
     source = read(folder)

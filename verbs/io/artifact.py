@@ -37,9 +37,17 @@ Arrays = dict[str, np.ndarray[Any, Any]]
 
 
 def save(verb: Verb, path: str | Path) -> None:
-    """Write a verb to a file, atomically.
+    """Write a verb to a file, atomically. The same verb gives the same bytes.
 
-    The same verb gives the same bytes. Raises :class:`ArtifactError` where the file cannot be written.
+    Parameters
+    ----------
+    verb : Verb
+    path : str or Path
+
+    Raises
+    ------
+    ArtifactError
+        The file cannot be written.
     """
     target = Path(path)
     arrays = _arrays(verb)
@@ -60,6 +68,15 @@ def save(verb: Verb, path: str | Path) -> None:
 
 def load(path: str | Path) -> Verb:
     """Load a ``.verb`` file: map it and check all of it.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    verb : Verb
+        Its arrays are read-only views of the mapped file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Draw the README's picture: one verb, eight goals between its examples, the wrist on each of them.
+"""Draw a picture: one verb, eight goals between its examples, the wrist on each of them.
 
 Run: python examples/01_picture.py [FILE]
 """
@@ -14,7 +14,7 @@ from verbs.figures.draw import draw_poses, points
 
 GOALS = np.array(
     [
-        [0.22, 0.62, 0.46],
+        [0.14, 0.64, 0.46],
         [0.16, 0.95, 0.52],
         [0.08, 1.30, 0.55],
         [-0.05, 1.62, 0.50],
@@ -26,16 +26,15 @@ GOALS = np.array(
 )
 
 
-def main() -> None:
+def main(path: str = "docs/reach.png") -> None:
     """Evaluate the goals in one batch and draw them."""
     reach = Evaluator(library.load("reach"))
     poses = reach.pose(GOALS, phase=np.full(len(GOALS), reach.verb.phases[1]))
     figures = points(reach.verb.skeleton, poses.root, poses.rotations)
-    path = sys.argv[1] if len(sys.argv) > 1 else "docs/reach.png"
-    labels = [f"asked {x:.2f} {y:.2f} {z:.2f} m" for x, y, z in GOALS]
+    labels = [f"goal {x:.2f} {y:.2f} {z:.2f} m" for x, y, z in GOALS]
     draw_poses(reach.verb.skeleton, list(figures), path, labels=labels, marks=list(GOALS), pixels_per_m=140)
     print(f"{path}: largest error {poses.blend.error.max():.1e} m")
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -45,7 +45,7 @@ def test_build_reports_as_json(tmp_path):
     assert report["methods"]["corrected"]["error_max_m"] < 1e-9
 
 
-def test_info_prints_what_the_service_answers():
+def test_info_prints_the_description_of_the_service():
     described = json.loads(call("info", "arm3", "--json").stdout)
     assert [adverb["name"] for adverb in described["adverbs"]] == ["x", "y"]
     assert described["skeleton"]["names"] == list(library.load("arm3").skeleton.names)

@@ -109,21 +109,21 @@ def test_mocap_examples_come_back_at_their_adverbs(mocap, verb_of, name):
         marks = np.minimum(example.keytimes[0] + verb.keytimes[i], motion.duration_s)[kept]
         frames = np.arange(len(motion)) / motion.fps
         root = CubicSpline(frames, motion.root)(marks)
-        turns, bend = quat.unroll(motion.rotations), "periodic" if verb.looping else "not-a-knot"
+        rotations, bend = quat.unroll(motion.rotations), "periodic" if verb.looping else "not-a-knot"
         if verb.looping:
-            turns[-1] = turns[0]  # the file's last frame is its first, rounded once more
-        rotations = quat.normalize(CubicSpline(frames, turns, bc_type=bend)(marks))
+            rotations[-1] = rotations[0]  # the file's last frame is its first, rounded once more
+        rotations = quat.normalize(CubicSpline(frames, rotations, bc_type=bend)(marks))
         poses = evaluator.pose(verb.values[i : i + 1], phase=verb.phases[kept])
         assert poses.blend.weights[0].sum() == pytest.approx(1.0, abs=1e-12)
-        turn = quat.mul(quat.conjugate(poses.rotations), rotations)
+        difference = quat.mul(quat.conjugate(poses.rotations), rotations)
         if verb.looping:  # steps of the walk and the turning at a mean rate are checked whole, below
-            turn, root = turn[:, 1:], root * [0, 1, 0]
+            difference, root = difference[:, 1:], root * [0, 1, 0]
             poses.root[:] *= [0, 1, 0]
             rotations[:, 0] = poses.rotations[:, 0]
         _, found = evaluator.positions(poses)
         _, true = fk.forward(root, rotations, skeleton.parents, skeleton.offsets)
         np.testing.assert_allclose(found, true, atol=1e-6)
-        assert np.linalg.norm(quat.log(turn), axis=-1).max() < 1e-6
+        assert np.linalg.norm(quat.log(difference), axis=-1).max() < 1e-6
 
 
 @pytest.mark.parametrize("name", MOCAP)
@@ -147,21 +147,21 @@ def test_bvh_to_verb_to_bvh_keeps_every_joint_within_a_millimetre(mocap, verb_of
 
 
 def test_adverbs_may_be_coordinates_on_a_sheet(tmp_path):
-    """The same arm, asked in coordinates that are turned and shifted against its own: the same poses."""
-    turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    """The same arm in rotated and shifted coordinates: the same poses."""
+    rotation = np.array([[0.6, 0.8], [-0.8, 0.6]])
     plain, folder = build(arm_source(tmp_path / "plain")).verb, arm_source(tmp_path / "sheet")
     text = (folder / "verb.toml").read_text()
     for name, values in zip("abcde", plain.values, strict=True):
-        sheet = (values - [0.1, 0.2]) @ turn.T
+        sheet = (values - [0.1, 0.2]) @ rotation.T
         head, tail = text.split(f'file = "{name}.bvh"', 1)
         before, after = tail.split("adverb_values = [", 1)
         text = f'{head}file = "{name}.bvh"{before}adverb_values = {sheet.tolist()}{after.partition("]")[2]}'
-    axes = [[*row, 0.0] for row in turn.tolist()]
+    axes = [[*row, 0.0] for row in rotation.tolist()]
     goal = f"goal = {{origin = [0.1, 0.2, 0.0], axes = {axes}}}\n"
     (folder / "verb.toml").write_text(goal + text)
     sheet_verb = build(folder).verb
-    asked = plain.values.mean(axis=0)[None]
-    one = Evaluator(plain).blend(asked)
-    other = Evaluator(sheet_verb).blend((asked - [0.1, 0.2]) @ turn.T)
+    adverbs = plain.values.mean(axis=0)[None]
+    one = Evaluator(plain).blend(adverbs)
+    other = Evaluator(sheet_verb).blend((adverbs - [0.1, 0.2]) @ rotation.T)
     assert other.error[0] < 1e-9
     np.testing.assert_allclose(other.weights, one.weights, atol=1e-6)

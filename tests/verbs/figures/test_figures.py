@@ -130,5 +130,5 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_methods_on_maps_are_told_apart_without_colour():
+def test_methods_on_maps_differ_without_colour():
     assert len({canvas.MARKERS[name] for name in canvas.SHOWN}) == len(canvas.SHOWN)

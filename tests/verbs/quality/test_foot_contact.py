@@ -141,8 +141,8 @@ def test_contacts_of_a_loop_repeat():
     phases = np.linspace(0.0, 3.0, 181)
     standing = (phases % 1.0 < 0.5)[:, None]
     known = foot_contact.Contacts(np.array([0]), 0.0, True, (phases,), (standing,))
-    asked = np.array([0.1, 0.7, 1.1, 1.7, 7.1, 7.7])
-    np.testing.assert_array_equal(known.share(np.ones(1), asked)[:, 0], [1, 0, 1, 0, 1, 0])
+    phases = np.array([0.1, 0.7, 1.1, 1.7, 7.1, 7.7])
+    np.testing.assert_array_equal(known.share(np.ones(1), phases)[:, 0], [1, 0, 1, 0, 1, 0])
 
 
 def test_a_verb_without_toes_has_no_contacts():
@@ -159,32 +159,32 @@ def test_feet_that_the_author_planted_hardly_slide():
     assert foot_contact.example_slides(evaluator, found).max_m < 1e-3
 
 
-def test_slides_are_measured_only_where_they_are_asked_for():
+def test_slides_are_measured_only_on_request():
     verb = library.load("reach")
     assert np.isnan(quality_of(verb, "rbf", nodes=7, zoom=False).slide_max_m)
     assert 0.0 < quality_of(verb, "rbf", nodes=7, zoom=False, slide=True).slide_max_m < 0.05
 
 
-def test_the_command_measures_feet_where_it_is_told_to():
-    told = ["measure", "reach", "--method", "rbf", "--grid", "7", "--feet"]
-    shown = CliRunner().invoke(app, told)
+def test_the_command_evaluates_foot_slide_with_an_option():
+    arguments = ["measure", "reach", "--method", "rbf", "--grid", "7", "--feet"]
+    shown = CliRunner().invoke(app, arguments)
     assert shown.exit_code == 0
     assert "foot slide, mm" in shown.stdout
-    row = json.loads(CliRunner().invoke(app, [*told, "--json"]).stdout)["methods"]["rbf"]
+    row = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)["methods"]["rbf"]
     assert 0.0 < row["slide_median_m"] <= row["slide_p90_m"] <= row["slide_max_m"] < 0.05
 
 
-def test_an_example_asked_for_as_a_blend_slides_as_it_does_itself(mocap, verb_of):
+def test_a_blend_at_an_example_slides_as_the_example(mocap, verb_of):
     verb = verb_of("reach")
     evaluator = Evaluator(verb)
     found = foot_contact.contacts(evaluator)
-    asked, own = (
+    blend, own = (
         foot_contact.slides(evaluator, found, verb.values, method="rbf"),
         foot_contact.example_slides(evaluator, found),
     )
-    assert asked.stances == own.stances
-    assert asked.median_m == pytest.approx(own.median_m, abs=1e-6)
-    assert asked.max_m == pytest.approx(own.max_m, abs=1e-6)
+    assert blend.stances == own.stances
+    assert blend.median_m == pytest.approx(own.median_m, abs=1e-6)
+    assert blend.max_m == pytest.approx(own.max_m, abs=1e-6)
 
 
 # Median, 90th percentile and largest slide of the examples, mm, as another program found them on the same captures.

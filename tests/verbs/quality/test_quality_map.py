@@ -45,7 +45,7 @@ def test_one_adverb_makes_a_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("asked", "problem"),
+    ("options", "problem"),
     [
         ({"across": "q"}, UnknownName),
         ({"across": "x", "up": "x"}, RequestError),
@@ -57,6 +57,6 @@ def test_one_adverb_makes_a_line(tmp_path):
         ({"method": "magic"}, UnknownName),
     ],
 )
-def test_wrong_questions_are_refused(reach, asked, problem):
+def test_invalid_options_are_refused(reach, options, problem):
     with pytest.raises(problem):
-        quality_map.over(reach, **asked)
+        quality_map.over(reach, **options)

@@ -45,7 +45,7 @@ def test_smoothness_of_a_smooth_method_falls_with_the_square_of_the_spacing():
     assert coarse / fine == pytest.approx(4.0, abs=0.15)
 
 
-def test_random_points_lie_in_the_hull_and_outside_it_where_asked(mocap, verb_of):
+def test_random_points_lie_in_the_hull_and_outside_it_on_request(mocap, verb_of):
     domain = verb_of("punch").domain
     rng = np.random.default_rng(1)
     within = domain.chart.points(random_points(verb_of("punch"), rng, 500))

@@ -67,7 +67,7 @@ def circles(
     for centre in random_points(verb, rng, 4_000):
         first, second = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
         around = radius_m * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
-        path = centre + around @ evaluator.goal.inverse.T
+        path = centre + around @ evaluator.goal.space.inverse.T
         if inside(verb.domain, verb.domain.chart.points(path)).all():
             kept.append(path)
         if len(kept) == count:

@@ -18,6 +18,7 @@ from service.http.routes import health, pages, poses, quality, refinements, verb
 from service.settings import Settings
 from service.state import ServerState, Supervise
 from service.stream import endpoint
+from service.upload.builder import Sandboxes
 
 __all__ = ["create_app"]
 
@@ -27,9 +28,10 @@ def create_app(
     *,
     on_ready: Callable[[Catalog], None] | None = None,
     supervise: Supervise | None = None,
+    sandboxes: Sandboxes | None = None,
 ) -> FastAPI:
-    """Make an app; ``on_ready`` and ``supervise`` are those of :class:`service.state.ServerState`."""
-    state = ServerState(settings, on_ready=on_ready, supervise=supervise)
+    """Make an app; the options are those of :class:`service.state.ServerState`."""
+    state = ServerState(settings, on_ready=on_ready, supervise=supervise, sandboxes=sandboxes)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
+from service.run import fork
 from service.run.listener import CannotServe
 from service.settings import Settings
 from verbs import cli
@@ -19,6 +20,9 @@ __all__ = ["main"]
 USER_ERROR = 1
 
 DEFAULT_DATA = Path("data")
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""Environment variables by which linear algebra libraries take their number of threads."""
 
 
 def main() -> None:
@@ -35,10 +39,10 @@ def serve_command(
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Server processes that share the port. [default: 1]")] = None,
     log_level: Annotated[str | None, typer.Option(help="debug, info, warning or error. [default: info]")] = None,
-    log_json: Annotated[bool | None, typer.Option("--log-json/--log-text", help="How to log.")] = None,
+    log_json: Annotated[bool | None, typer.Option("--log-json/--log-text", help="Format of log lines.")] = None,
     allow_public: Annotated[
         bool | None,
-        typer.Option("--allow-public", help="Listen where other machines can reach it, although there are no keys."),
+        typer.Option("--allow-public", help="Allow a public address without authentication."),
     ] = None,
 ) -> None:
     """Serve verbs over HTTP.
@@ -66,8 +70,8 @@ def serve_command(
 def worker_command(
     name: Annotated[str | None, typer.Option(help="Name of this worker, the same at every start.")] = None,
     data: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder in which verbs are kept.")] = None,
-    nice: Annotated[int, typer.Option(min=0, max=19, help="By how much others go before it.")] = 10,
-    parent: Annotated[int | None, typer.Option(hidden=True, help="Process without which it ends.")] = None,
+    nice: Annotated[int, typer.Option(min=0, max=19, help="By how much to lower its priority.")] = 10,
+    parent: Annotated[int | None, typer.Option(hidden=True, help="Process whose end also ends the worker.")] = None,
 ) -> None:
     """Refine verbs for servers that share a database and artifacts with this worker.
 
@@ -80,7 +84,7 @@ def worker_command(
     if folder is not None and not folder.is_dir() and None in (settings.database_url, settings.artifact_url):
         typer.echo(f"error: the data folder {folder} does not exist; name the server's (--data)", err=True)
         raise typer.Exit(USER_ERROR)
-    os.nice(nice)  # before what follows takes its seconds
+    os.nice(nice)  # before the imports, which take seconds
     from service.refinement.errors import JobError
     from service.refinement.worker import main as worker
     from service.run import logs
@@ -93,7 +97,7 @@ def worker_command(
             settings.artifacts,
             executor_id=name or platform.node() or "worker",
             parent=parent,
-            say=lambda text: typer.echo(text, err=True),
+            report=lambda text: typer.echo(text, err=True),
         )
     except (JobError, StoreError) as err:
         typer.echo(f"error: {err}", err=True)
@@ -101,21 +105,22 @@ def worker_command(
 
 
 def _serve(settings: Settings) -> None:
-    """Serve in this process, or look after several that do; each is imported where it is needed, for it takes long."""
-    if settings.workers > 1:
-        from service.run.multiprocess import serve
+    """Serve by a parent that forks all other processes, or in this one on systems where it cannot."""
+    os.environ.update(dict.fromkeys(_THREADS, "1"))  # before NumPy is imported: a parent has no threads
+    if fork.AVAILABLE:
+        from service.run.supervisor import serve
     else:
         from service.run.server import serve
 
     try:
-        serve(settings, say=lambda text: typer.echo(text, err=True))
+        serve(settings, report=lambda text: typer.echo(text, err=True))
     except CannotServe as err:
         typer.echo(f"error: {err}", err=True)
         raise typer.Exit(USER_ERROR) from err
 
 
 def _settings(**options: Any) -> Settings:
-    """Settings of the options that were given; exits with a message for each that is wrong."""
+    """Settings from the given options; exits with a message for each wrong one."""
     try:
         return Settings(**{name: value for name, value in options.items() if value is not None})
     except ValidationError as err:

@@ -5,7 +5,7 @@ Names from clients never become labels.
 
 With several server processes each writes its values to files of the folder in ``PROMETHEUS_MULTIPROC_DIR``, and any of
 them reports the total; ``multiprocess_mode`` of a gauge defines how values are combined. See
-:mod:`service.run.multiprocess`.
+:mod:`service.run.supervisor`.
 """
 
 from __future__ import annotations

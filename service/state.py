@@ -25,7 +25,8 @@ from service.settings import Settings
 from service.store.store import Store, StoreUnavailable
 from service.stream import packing
 from service.stream.hub import Hub
-from service.upload.builder import Builder
+from service.upload.builder import Builder, Sandboxes
+from service.upload.spawned import Spawned
 from service.upload.uploads import Uploads
 from verbs.runtime.evaluate import Blend
 
@@ -45,7 +46,10 @@ class ServerState:
     on_ready : callable, optional
         Called with the catalog when the server is ready.
     supervise : callable, optional
-        Keeps worker processes running until cancelled; started with the store once verbs are loaded.
+        Keeps worker processes running until cancelled; started with the store once verbs are loaded, unless a parent
+        process does so.
+    sandboxes : Sandboxes, optional
+        Starts the processes that build uploads; by default new programs.
 
     Attributes
     ----------
@@ -74,6 +78,7 @@ class ServerState:
         *,
         on_ready: Callable[[Catalog], None] | None = None,
         supervise: Supervise | None = None,
+        sandboxes: Sandboxes | None = None,
     ) -> None:
         self.settings, self.metrics = settings, Metrics()
         self.pool = Pool(threads=settings.compute_threads, max_waiting=settings.max_waiting)
@@ -85,7 +90,7 @@ class ServerState:
         self.store_sync: StoreSync | None = None
         self.refinements: Refinements | None = None
         self.uploads: Uploads | None = None
-        self._builder = Builder()
+        self._builder = Builder(sandboxes or Spawned())
         self._waiting_for = "verbs are being loaded and kernels compiled"
         self._on_ready, self._supervise = on_ready, supervise
 

@@ -6,13 +6,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads spin, and xdis
 os.environ.setdefault(
     "ADVERB_REFINERS", "0"
 )  # a worker beside every server that a test starts would do nothing but load
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from tests.warm import Warm, warm
 from verbs.authoring.fit import build
 from verbs.verb import Verb
 
@@ -20,6 +21,20 @@ settings.register_profile("fixed", derandomize=True)  # the gate must not depend
 settings.load_profile("fixed")
 
 PROJECT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _close_warm_parent() -> Iterator[None]:
+    """End the warm parent and all that it has forked, where a test used it."""
+    yield
+    if warm.cache_info().currsize:
+        warm().close()
+
+
+@pytest.fixture(scope="session", name="warm")
+def warm_parent() -> Warm:
+    """The process from which tests fork servers and workers; one for each process of pytest."""
+    return warm()
 
 
 @pytest.fixture(scope="session")

@@ -15,66 +15,90 @@ from fastapi import FastAPI
 from service.app import create_app
 from service.catalog.catalog import Catalog
 from service.run import logs
-from service.run.listener import CannotServe, Patience, check, greeting, listen
-from service.run.supervisor import supervise
+from service.run.listener import CannotServe, check, greeting, listen
+from service.run.progress import Progress
+from service.run.spawn import supervise
 from service.settings import Settings
+from service.state import Supervise
 from service.stream.hub import Hub
 from service.stream.transport import StreamProtocol
+from service.upload.builder import Sandboxes
 
 __all__ = ["CannotServe", "Server", "config_of", "run", "serve"]
 
 DRAIN_S = 0.2
-"""Time for goodbyes to be written before connections are closed."""
+"""Time to write `drain` messages before connections are closed, seconds."""
 
 SWITCH_S = 0.001
-"""Longest time for which a thread keeps the interpreter while the event loop waits for it; Python's own is 5 ms."""
+"""Longest time that a thread keeps the interpreter lock while the event loop waits, seconds; Python's is 5 ms."""
 
 
-def serve(settings: Settings, *, say: Callable[[str], None]) -> None:
-    """Serve until SIGTERM or SIGINT; running requests may finish, for ``shutdown_s`` at most.
+def serve(settings: Settings, *, report: Callable[[str], None]) -> None:
+    """Serve in this process, with refiners and sandboxes as programs of their own; for systems without fork.
 
     Parameters
     ----------
     settings : Settings
-        More than one of ``workers`` is :mod:`service.run.multiprocess`' business.
-    say : callable
-        Told where the server is, and which files it could not use; before that, now and then, that it takes long.
+    report : callable
+        Receives the lines of :func:`service.run.listener.greeting`; before them, how long the start takes.
 
     Raises
     ------
     CannotServe
         Before anything is served, or as :func:`run` does.
     """
+    if settings.workers > 1:
+        raise CannotServe("only Linux distributes connections over processes that share a port; use --workers 1")
     check(settings)
     listener = listen(settings)
     logs.configure(settings)
-    patience = Patience(say)
+    progress = Progress(report)
 
     def ready(catalog: Catalog) -> None:
+        progress.close()
         for line in greeting(listener, len(catalog.entries), [(row.file, row.problem) for row in catalog.skipped]):
-            patience.say(line)
+            report(line)
 
     try:
-        run(settings, listener, on_ready=ready)
+        run(settings, listener, on_ready=ready, supervise=supervise)
     finally:
-        patience.end()
+        progress.close()
 
 
-def run(settings: Settings, listener: socket.socket, *, on_ready: Callable[[Catalog], None]) -> None:
-    """Serve on a socket, which is closed at the end; ``on_ready`` is told the verbs once requests are answered.
+def run(
+    settings: Settings,
+    listener: socket.socket,
+    *,
+    on_ready: Callable[[Catalog], None],
+    supervise: Supervise | None = None,
+    sandboxes: Sandboxes | None = None,
+) -> None:
+    """Serve on a socket, which is closed at the end.
 
-    Raises :class:`CannotServe` where loading verbs or following the store fails for good.
+    Parameters
+    ----------
+    settings : Settings
+    listener : socket
+    on_ready : callable
+        Called with the verbs once requests are answered.
+    supervise, sandboxes : optional
+        As for :class:`service.state.ServerState`.
+
+    Raises
+    ------
+    CannotServe
+        Verbs cannot be loaded, or the store cannot be followed any more.
     """
     sys.setswitchinterval(SWITCH_S)
 
     def ready(catalog: Catalog) -> None:
-        # What is loaded stays. Looking through all of it for garbage, as Python would, stops everybody for 50 ms.
+        # What is loaded stays. A full collection, as Python would do one, stops all work for 50 ms.
         gc.collect()
         gc.freeze()
         on_ready(catalog)
 
-    app = create_app(settings, on_ready=ready, supervise=supervise)
-    # uvicorn stops on these signals and then raises them once more for whoever handled them before: nobody.
+    app = create_app(settings, on_ready=ready, supervise=supervise, sandboxes=sandboxes)
+    # uvicorn re-raises the signal on exit; a no-op handler keeps the exit clean.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)
     with listener:
@@ -103,7 +127,7 @@ def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:
 
 
 class Server(uvicorn.Server):
-    """uvicorn, which tells streams that it is about to stop before it closes them."""
+    """uvicorn server that sends `drain` to streams before it closes them."""
 
     def __init__(self, config: uvicorn.Config, hub: Hub) -> None:
         super().__init__(config)
@@ -111,15 +135,15 @@ class Server(uvicorn.Server):
 
     @property
     def failed(self) -> bool:
-        """Whether what the app does beside answering has failed, so that it would never be ready, or go stale."""
+        """Whether a background task of the app has failed, so that verbs are missing or stay old."""
         return bool(self.lifespan.error_occurred)
 
     async def on_tick(self, counter: int) -> bool:
-        """Whether to stop; looks ten times a second."""
+        """Whether to stop; called ten times a second."""
         return await super().on_tick(counter) or self.failed
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Stop listening, say goodbye, then let requests end."""
+        """Stop listening, send `drain` to streams, then wait for requests."""
         for server in self.servers:
             server.close()
         self._hub.drain()

@@ -1,6 +1,6 @@
-"""Compile the kernels that serving, building and refining need, once, on two cores.
+"""Imports and kernels that servers, sandboxes and refiners need, loaded before any of them is forked.
 
-``python -m service.run.warmup``
+``python -m service.run.warmup`` compiles the kernels, on two cores, and keeps them on disk.
 """
 
 from __future__ import annotations
@@ -8,42 +8,100 @@ from __future__ import annotations
 import logging
 import subprocess
 import sys
+from dataclasses import replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
 
 import structlog
 
-from service.catalog import catalog
-from service.stream import packing
-from verbs import library, refine
-from verbs.authoring.fit import build
-from verbs.runtime.characters import Characters
-from verbs.runtime.evaluate import Evaluator
-
-__all__ = ["main"]
+__all__ = ["load_building", "load_serving", "main"]
 
 LONGEST = "inverse"
 """The method whose kernels take as long to compile as all others together."""
 
 
-def main() -> None:
-    """Load and use what there is, once, while another process compiles the longest; both find what the other kept."""
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.WARNING))
-    if sys.argv[1:] == [LONGEST]:
-        _ask(LONGEST)
-        return
-    with subprocess.Popen([sys.executable, "-m", "service.run.warmup", LONGEST]):
-        packing.warm()
-        Characters(Evaluator(library.load("arm3"))).warm()
-        _ask("barycentric")
+@cache
+def load_serving() -> None:
+    """Import the app, and load or compile the kernels of requests and streams."""
+    import httptools  # noqa: F401 - uvicorn imports it by name
+    import uvloop  # noqa: F401 - the same
+
+    from service.catalog import catalog
+    from service.run import server  # noqa: F401
+    from service.stream import packing
+
+    packing.warm()
     catalog.load(None)
+
+
+@cache
+def load_building() -> None:
+    """Import what sandboxes and refiners use, and load or compile their kernels."""
+    from service.refinement.worker import main as worker  # noqa: F401
+    from service.upload import sandbox  # noqa: F401
+    from verbs import library, refine
+    from verbs.authoring.fit import build
+
     for name in ("arm3", "reach"):
         build(Path(library.__file__).parent / name)
     for _ in islice(refine.refine(library.load("arm3")), 2):
         pass
+    _load_measures()
 
 
-def _ask(method: str) -> None:
+def _load_measures() -> None:
+    """Load or compile the kernels of measures that no built-in verb has: the velocity of a loop, and a jump's apex."""
+    import numpy as np
+
+    from verbs import library
+    from verbs.kernels import measure, pose
+    from verbs.runtime.characters import Characters
+    from verbs.runtime.evaluate import Evaluator
+
+    arm, reach = library.load("arm3"), library.load("reach")
+    velocity = replace(
+        arm,
+        looping=True,
+        root_motion=pose.STRIDE,
+        strides=np.full((len(arm.curves) - 3, len(arm.examples), 3), 0.01),
+        measure=replace(arm.measure, kind=measure.VELOCITY, keytime=-1),
+    )
+    jump = replace(reach, measure=replace(reach.measure, kind=measure.JUMP))
+    for verb in (velocity, jump):
+        evaluator = Evaluator(verb)
+        evaluator.warm()
+        Characters(evaluator).warm()
+
+
+def main() -> None:
+    """Load everything once, while another process compiles the longest; each finds what the other has kept."""
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.WARNING))
+    if sys.argv[1:] == [LONGEST]:
+        _evaluate(LONGEST)
+        return
+    with subprocess.Popen([sys.executable, "-m", "service.run.warmup", LONGEST]):
+        _compile()
+    load_serving()
+    load_building()
+
+
+def _compile() -> None:
+    """Compile the kernels of streams and of the methods but the longest."""
+    from service.stream import packing
+    from verbs import library
+    from verbs.runtime.characters import Characters
+    from verbs.runtime.evaluate import Evaluator
+
+    packing.warm()
+    Characters(Evaluator(library.load("arm3"))).warm()
+    _evaluate("barycentric")
+
+
+def _evaluate(method: str) -> None:
+    from verbs import library
+    from verbs.runtime.evaluate import Evaluator
+
     verb = library.load("arm3")
     Evaluator(verb).blend(verb.values[:1], method=method)
 

@@ -1,8 +1,9 @@
-"""The process in which uploads are read: ``python -m service.upload.sandbox``, one upload each.
+"""The process in which one upload is read, built and checked.
 
-It loads and warms everything first, with time that nobody else wants, says so, and waits for its one job on stdin.
-Whatever the upload does to it, the server goes on: memory, time and files are limited, and the answer is one line of
-JSON.
+Whatever the upload does to it, the server continues: memory, time and files are limited, standard error is discarded,
+and the answer is one line of JSON. A supervisor forks it (:func:`run`); a server without one starts it as a program,
+``python -m service.upload.sandbox``, which loads everything first, reports that it is ready, and waits for its job on
+standard input.
 """
 
 from __future__ import annotations
@@ -13,38 +14,59 @@ import resource
 import sys
 import tempfile
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from service.upload.archive import is_zip, unpack
 from verbs.errors import VerbError
 
-__all__ = ["main", "work"]
+__all__ = ["MAX_REQUEST_BYTES", "Job", "main", "run", "work"]
+
+Job = Mapping[str, str]
+"""Paths: the ``upload``, and the ``result`` to write."""
+
+MAX_REQUEST_BYTES = 65_536
+"""Longest message with which a server sends a job to its parent."""
 
 MAX_MEMORY_BYTES = 4 * 1024**3
+"""Address space for the job, beside what is mapped when it starts."""
+
 MAX_CPU_S = 120
 MAX_FILE_BYTES = 1024**3
 
+_HAS_PROC = sys.platform == "linux"
+
 NICE = 10
-"""By how much others go before getting ready; the job itself, for which somebody waits, is nobody's inferior."""
+"""By how much the priority is lower while a program loads; the job itself runs at the server's priority."""
 
 
 def main() -> None:
-    """Get ready, then do the job that stdin brings."""
+    """Load everything, then do the job that standard input brings."""
     warming = threading.Thread(target=_warm)  # Linux keeps a priority for each thread
     warming.start()
     warming.join()
-    _say({"ready": True})
+    _write(sys.stdout.fileno(), {"ready": True})
     line = sys.stdin.readline()
     if not line.strip():
-        return  # nobody needs it any more
+        return  # the server ended
     job = json.loads(line)
     _limit()
-    _say(work(Path(job["upload"]), Path(job["result"])))
+    _write(sys.stdout.fileno(), work(Path(job["upload"]), Path(job["result"])))
+
+
+def run(job: Job, to: int) -> None:
+    """Do a job in a process that was forked for it, and write the answer to a file descriptor."""
+    null = os.open(os.devnull, os.O_RDWR)
+    for number in (0, 1, 2):
+        os.dup2(null, number)
+    os.close(null)
+    _limit()
+    _write(to, work(Path(job["upload"]), Path(job["result"])))
 
 
 def work(upload: Path, result: Path) -> dict[str, Any]:
-    """Build or check an upload, and write the verb; what is told of it."""
+    """Build or check an upload, and write the verb; return the answer."""
     from verbs.io import artifact
     from verbs.runtime.evaluate import Evaluator
 
@@ -76,7 +98,7 @@ def _built(folder: Path, result: Path) -> dict[str, Any]:
 
 
 def _without_paths(text: str, upload: Path) -> str:
-    """A message without the folders of the server, which are nobody's business."""
+    """A message without the folders of the server."""
     parts = []
     for word in text.split(" "):
         at = word.find(str(upload.parent))
@@ -85,7 +107,7 @@ def _without_paths(text: str, upload: Path) -> str:
 
 
 def _warm() -> None:
-    """Load what a job needs, kernels too: a job then takes as long as its own work."""
+    """Load what a job needs, kernels too."""
     os.nice(NICE)
     from verbs import library
     from verbs.authoring.fit import build
@@ -97,8 +119,10 @@ def _warm() -> None:
 
 
 def _limit() -> None:
+    """Limit this process; memory in addition to what a fork has in common with its parent."""
+    mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if _HAS_PROC else 0
     for kind, most in (
-        (resource.RLIMIT_AS, MAX_MEMORY_BYTES),
+        (resource.RLIMIT_AS, mapped + MAX_MEMORY_BYTES),
         (resource.RLIMIT_CPU, MAX_CPU_S),
         (resource.RLIMIT_FSIZE, MAX_FILE_BYTES),
         (resource.RLIMIT_CORE, 0),
@@ -107,9 +131,10 @@ def _limit() -> None:
         resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
-def _say(message: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(message) + "\n")
-    sys.stdout.flush()
+def _write(to: int, message: Mapping[str, Any]) -> None:
+    rest = json.dumps(message).encode() + b"\n"
+    while rest:
+        rest = rest[os.write(to, rest) :]
 
 
 if __name__ == "__main__":

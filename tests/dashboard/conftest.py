@@ -4,14 +4,14 @@ import json
 import os
 import shutil
 import socket
-import subprocess
-import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
 import pytest
+
+from tests.warm import warm
 
 PROJECT = Path(__file__).parents[2]
 STATIC = PROJECT / "service" / "static" / "index.html"
@@ -22,7 +22,6 @@ FLAGS = [
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"),
 ]
-START = "from service.cli import main; main()"
 
 
 class Service:
@@ -36,10 +35,9 @@ class Service:
         self.process = None
 
     def start(self):
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", START, "serve", "--port", str(self.port), "--data", str(self.data)],
-            cwd=PROJECT,
-            env={**os.environ, "ADVERB_REFINERS": "1"},
+        environment = {**os.environ, "ADVERB_REFINERS": "1"}
+        self.process = warm().start(
+            "serve", "--port", str(self.port), "--data", str(self.data), environment=environment
         )
         deadline, last = time.monotonic() + PATIENCE_S, ""
         while time.monotonic() < deadline:
@@ -56,8 +54,7 @@ class Service:
 
     def kill(self):
         if self.process is not None:
-            self.process.kill()
-            self.process.wait()
+            self.process.end()
             self.process = None
 
     def stop(self):

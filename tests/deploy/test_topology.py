@@ -4,8 +4,6 @@ import asyncio
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, replace
@@ -18,12 +16,12 @@ import pytest
 from service.refinement.worker.healthcheck import alive
 from tests.service.store.postgres import Postgres, programs
 from tests.service.stream.conftest import open_stream
+from tests.warm import Process as Started
 from verbs import library
 from verbs.io import artifact
 
 pytestmark = [pytest.mark.slow, pytest.mark.anyio, pytest.mark.xdist_group("topology")]
 
-PROJECT = Path(__file__).parents[2]
 PATIENCE_S = 180.0
 SOON_S = 5.0
 """A server swaps within a second of a notice; a busy machine may take longer."""
@@ -38,7 +36,7 @@ def anyio_backend() -> str:
 class Process:
     """A server or a worker, and what it says."""
 
-    process: subprocess.Popen
+    process: Started
     file: Path
 
     def text(self) -> str:
@@ -65,7 +63,7 @@ def until(holds: Callable[[], object], *, seconds: float = PATIENCE_S) -> float:
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory) -> Iterator[SimpleNamespace]:
+def cluster(warm, tmp_path_factory) -> Iterator[SimpleNamespace]:
     """Two servers and two workers that share a database and a folder, and nothing else."""
     found = programs()
     if found is None:
@@ -77,16 +75,9 @@ def cluster(tmp_path_factory) -> Iterator[SimpleNamespace]:
     def start(name: str, *arguments: str) -> Process:
         (folder / name).mkdir()
         file = folder / f"{name}.log"
-        command = [sys.executable, "-c", "from service.cli import main; main()", *arguments]
         environment = {**os.environ, **shared, "ADVERB_REFINERS": "0", "ADVERB_LOG_JSON": "true"}
         with file.open("wb") as log:
-            process = subprocess.Popen(
-                [*command, "--data", str(folder / name)],
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stderr=log,
-                cwd=PROJECT,
-            )
+            process = warm.start(*arguments, "--data", str(folder / name), environment=environment, stderr=log)
         started.append(process)
         return Process(process, file)
 
@@ -102,8 +93,7 @@ def cluster(tmp_path_factory) -> Iterator[SimpleNamespace]:
         assert set(codes) <= {0, -signal.SIGKILL}
     finally:
         for process in started:
-            process.kill()
-            process.wait()
+            process.end()
         postgres.remove()
 
 

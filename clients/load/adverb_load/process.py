@@ -55,25 +55,34 @@ class Served:
 
     def _scheduled(self, column: int) -> float:
         total_ns = 0
-        for file in Path(f"/proc/{self.pid}/task").glob("*/schedstat"):
+        for file in Path(f"/proc/{self.server}/task").glob("*/schedstat"):
             try:
                 total_ns += int(file.read_text().split()[column])
             except (FileNotFoundError, ProcessLookupError):
                 continue  # the thread has ended
         return total_ns * 1e-9
 
+    @property
+    def server(self) -> int:
+        """Id of the process that serves: the first server of a supervisor, or the program itself."""
+        children = Path(f"/proc/{self.pid}/task/{self.pid}/children")
+        for child in children.read_text().split() if children.exists() else ():
+            if Path(f"/proc/{child}/comm").read_text().strip() == "adverb-server":
+                return int(child)
+        return self.pid
+
     def rss_mib(self) -> float:
         """Resident memory, MiB."""
-        lines = Path(f"/proc/{self.pid}/status").read_text().splitlines()
+        lines = Path(f"/proc/{self.server}/status").read_text().splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:")) / 1024.0
 
     def threads(self) -> int:
         """Number of threads."""
-        return len(os.listdir(f"/proc/{self.pid}/task"))
+        return len(os.listdir(f"/proc/{self.server}/task"))
 
     def files(self) -> int:
         """Number of open files and sockets."""
-        return len(os.listdir(f"/proc/{self.pid}/fd"))
+        return len(os.listdir(f"/proc/{self.server}/fd"))
 
 
 @contextmanager

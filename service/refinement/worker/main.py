@@ -53,7 +53,7 @@ def run(
     step_s: float = STEP_S,
     cache: Path | None = None,
     parent: int | None = None,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> None:
     """Run jobs until SIGTERM or SIGINT.
 
@@ -71,7 +71,7 @@ def run(
         Local folder for copies of an object store's blobs.
     parent : int, optional
         Id of the server process that started the worker; the worker ends with it.
-    say : callable
+    report : callable
         Called once with a message when the worker is ready.
 
     Raises
@@ -93,7 +93,7 @@ def run(
         worker.start()
     except (SQLAlchemyError, psycopg.Error) as err:
         raise StoreUnavailable(f"the job queue cannot be reached ({type(err).__name__})") from err
-    say(f"worker '{executor_id}' is ready")
+    report(f"worker '{executor_id}' is ready")
     while not stopping.wait(poll_s) and parent in (None, os.getppid()):
         worker.check()
     if not worker.stop():

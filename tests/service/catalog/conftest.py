@@ -54,20 +54,6 @@ async def until(client, path, holds):
     return answer
 
 
-def children(pid, word):
-    """Ids of child processes whose command line has a word."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = path.read_text().rsplit(")", 1)[1].split()
-            line = path.with_name("cmdline").read_bytes()
-        except OSError:
-            continue
-        if int(fields[1]) == pid and word.encode() in line:
-            found.append(int(path.parent.name))
-    return found
-
-
 def client_of(server):
     """An HTTP client of a server."""
     return httpx.AsyncClient(base_url=f"http://127.0.0.1:{server.port}", timeout=PATIENCE_S)

@@ -5,10 +5,7 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
-from contextlib import suppress
-from pathlib import Path
 
 import httpx
 import pytest
@@ -16,39 +13,33 @@ from typer.testing import CliRunner
 
 from service import cli  # noqa: F401 - makes the commands
 from service.refinement.worker.locks import check_executor, locks_of
-from service.run.supervisor import name_of
-from tests.service.catalog.conftest import PATIENCE_S, ZIP, children, zipped_arm
+from service.run.restart import name_of
+from tests.service.catalog.conftest import PATIENCE_S, ZIP, zipped_arm
+from tests.warm import children, lives
 from verbs import cli as library_cli
 
 pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("killed")]
-
-START = "from service.cli import main; main()"
-ROOT = Path(__file__).parents[3]
 
 
 class Started:
     """`adverb serve` in a process of its own."""
 
-    def __init__(self, data, log):
+    def __init__(self, warm, data, log):
         self.log = log
+        environment = {**os.environ, "ADVERB_REFINERS": "1"}
         with log.open("wb") as file:
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", START, "serve", "--port", "0", "--data", str(data)],
-                stderr=file,
-                env={**os.environ, "ADVERB_REFINERS": "1"},
-                cwd=ROOT,
-            )
+            self.process = warm.start("serve", "--port", "0", "--data", str(data), environment=environment, stderr=file)
 
     async def ready(self):
         found = await eventually(lambda: re.search(r"Adverb is ready on (http://\S+)", self.log.read_text()))
-        self.worker = await eventually(lambda: children(self.process.pid, "worker"))
+        self.worker = await eventually(lambda: children(self.process.pid, "adverb-refiner"))
         await eventually(lambda: "worker ready" in self.log.read_text())
         return httpx.AsyncClient(base_url=found[1], timeout=PATIENCE_S)
 
-    def end(self):
-        for pid in [self.process.pid, *children(self.process.pid, "worker")]:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+    def kill(self):
+        """Kill the server, and with it its parent."""
+        for pid in (self.process.pid, *children(self.process.pid, "adverb-server")):
+            os.kill(pid, signal.SIGKILL)
         self.process.wait()
 
 
@@ -61,25 +52,17 @@ async def eventually(holds):
     return found
 
 
-def lives(pid):
-    """Whether a process is running and not a zombie, as orphans may never be reaped."""
-    with suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    return False
-
-
-async def test_a_server_that_is_killed_in_an_upload_leaves_nothing_half_done(tmp_path):
+async def test_a_server_that_is_killed_in_an_upload_leaves_nothing_half_done(warm, tmp_path):
     data, content = tmp_path / "data", zipped_arm(tmp_path / "source")
     data.mkdir()
-    one, other = Started(data, tmp_path / "one.log"), Started(data, tmp_path / "other.log")
+    one, other = Started(warm, data, tmp_path / "one.log"), Started(warm, data, tmp_path / "other.log")
     try:
         async with await one.ready() as client, await other.ready() as beside:
             half = asyncio.create_task(client.post("/v1/verbs", content=slowly(content), headers={"Content-Type": ZIP}))
             await eventually(lambda: [path for path in (data / "uploads").iterdir() if path.stat().st_size])
             whole = asyncio.create_task(client.post("/v1/verbs", content=content, headers={"Content-Type": ZIP}))
             await eventually(lambda: any(path.stat().st_size == len(content) for path in (data / "uploads").iterdir()))
-            one.process.kill()
-            one.process.wait()
+            one.kill()
             half.cancel()  # it would wait for its own end
             _, told = await asyncio.gather(half, whole, return_exceptions=True)
             await eventually(lambda: not any(map(lives, one.worker)))
@@ -87,13 +70,13 @@ async def test_a_server_that_is_killed_in_an_upload_leaves_nothing_half_done(tmp
             await consistent(beside, published=not isinstance(told, httpx.HTTPError))
             again = await beside.post("/v1/verbs", content=content, headers={"Content-Type": ZIP})
             assert again.status_code == 201, again.text
-        one = Started(data, tmp_path / "again.log")
+        one = Started(warm, data, tmp_path / "again.log")
         async with await one.ready() as client:
             await consistent(client, published=True)
             assert (await client.get("/readyz")).json()["skipped"] == []
     finally:
-        one.end()
-        other.end()
+        one.process.end()
+        other.process.end()
 
 
 async def slowly(content):
@@ -111,33 +94,29 @@ async def consistent(client, *, published):
             assert len((await client.get(f"/v1/verbs/{name}/versions/{row['version']}")).content) == row["bytes"]
 
 
-def refused(*arguments, **environment):
-    """Last line of the output of a command that fails."""
-    process = subprocess.run(
-        [sys.executable, "-c", START, "worker", "--nice", "0", *arguments],
-        check=False,
-        stderr=subprocess.PIPE,
-        timeout=PATIENCE_S,
-        env={**os.environ, **environment},
-        cwd=ROOT,
-    )
-    assert process.returncode == 1
-    return process.stderr.decode().splitlines()[-1]
+def refused(warm, *arguments, **environment):
+    """Last line on standard error of a worker that fails to start."""
+    own = {**os.environ, **environment}
+    process = warm.start("worker", "--nice", "0", *arguments, environment=own, stderr=subprocess.PIPE)
+    text = process.stderr.read().decode()
+    assert process.wait(PATIENCE_S) == 1
+    process.end()
+    return text.splitlines()[-1]
 
 
-def test_a_worker_with_a_used_name_is_refused(tmp_path):
+def test_a_worker_with_a_used_name_is_refused(warm, tmp_path):
     locks = locks_of(f"sqlite:///{tmp_path}/state.db")
     lock = locks.acquire("mine")
-    assert "another worker runs as 'mine'" in refused("--data", str(tmp_path), "--name", "mine")
+    assert "another worker runs as 'mine'" in refused(warm, "--data", str(tmp_path), "--name", "mine")
     lock.release()
     locks.close()
 
 
-def test_a_worker_without_a_database_is_refused(tmp_path):
+def test_a_worker_without_a_database_is_refused(warm, tmp_path):
     (tmp_path / "state.db").write_bytes(b"not a database" * 1000)
-    said = refused("--data", str(tmp_path), ADVERB_DATABASE_URL=f"sqlite:///{tmp_path}/state.db")
+    said = refused(warm, "--data", str(tmp_path), ADVERB_DATABASE_URL=f"sqlite:///{tmp_path}/state.db")
     assert said == "error: the store is unavailable: file is not a database"
-    assert refused(ADVERB_DATABASE_URL="mysql://somewhere/db", ADVERB_DATA=str(tmp_path)).startswith(
+    assert refused(warm, ADVERB_DATABASE_URL="mysql://somewhere/db", ADVERB_DATA=str(tmp_path)).startswith(
         "error: a database"
     )
 

@@ -2,15 +2,13 @@
 
 import asyncio
 import json
-import os
-import signal
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from service.settings import Settings
-from tests.service.catalog.conftest import JSON, OCTETS, PATIENCE_S, ZIP, Kept, children, client_of, until, zipped_arm
+from tests.service.catalog.conftest import JSON, OCTETS, PATIENCE_S, ZIP, Kept, client_of, until, zipped_arm
 from tests.service.stream.conftest import open_stream
 from verbs import library
 from verbs.io import artifact
@@ -143,8 +141,8 @@ async def test_a_refinement_can_be_cancelled_and_its_worker_killed(client, kept)
     job = (await client.post("/v1/verbs/reach/refinements", json=asked)).json()
     where = f"/v1/refinements/{job['id']}"
     await until(client, where, lambda row: row["progress"].get("pseudo", 0) > 0)
-    for pid in children(os.getpid(), "worker"):
-        os.kill(pid, signal.SIGKILL)
+    for worker in kept.workers.running.values():
+        worker.kill()
     before = (await client.get(where)).json()["progress"]["pseudo"]
     await until(client, where, lambda row: row["progress"]["pseudo"] > before)
     await client.delete(where)

@@ -35,7 +35,7 @@ def run_worker(database_url: str, artifacts: str, executor_id: str, log: str, er
         logger_factory=structlog.PrintLoggerFactory(file),
     )
     steps.resume_refinement = resume_slowly
-    run(database_url, artifacts, executor_id=executor_id, poll_s=0.5, step_s=0.0, say=lambda text: None)
+    run(database_url, artifacts, executor_id=executor_id, poll_s=0.5, step_s=0.0, report=lambda text: None)
 
 
 def resume_slowly(*arguments, **options) -> Checkpoint:

@@ -1,4 +1,4 @@
-"""The command `adverb serve`: a real server in a process of its own, and what stops it from starting."""
+"""The command `adverb serve`: a real command line, its messages, and its errors."""
 
 import json
 import os
@@ -16,13 +16,29 @@ import pytest
 from typer.testing import CliRunner
 
 from service import cli
-from service.run.listener import Patience, listen
+from service.catalog.store_sync import StoreSync
+from service.run import fork
+from service.run.listener import listen
+from service.run.progress import Progress
 from service.settings import Settings
 from tests.service.conftest import ARM
+from tests.warm import children, descendants, lives
 from verbs import cli as library_cli
 
 START = "from service.cli import main; main()"
 LONGEST_START_S = 300.0  # kernels may have to be compiled first
+OCTETS = {"Content-Type": "application/octet-stream"}
+
+STOPPED = f"""import sys, time
+from service.run import warmup
+
+def load():
+    sys.stderr.write("loading\\n")
+    sys.stderr.flush()
+    time.sleep(600)
+
+warmup.load_serving = load
+{START}"""
 
 
 class Lines:
@@ -73,7 +89,7 @@ def running(data_dir):
         process.communicate()
 
 
-def test_it_says_where_it_is_answers_and_ends_cleanly(running):
+def test_it_reports_its_address_answers_and_ends_cleanly(running):
     found, process, lines = running
     with httpx.Client(base_url=found[1]) as client:
         assert len(client.get("/v1/verbs").json()["verbs"]) == int(found[2])
@@ -93,22 +109,22 @@ def test_it_says_where_it_is_answers_and_ends_cleanly(running):
 
 
 def refused(*arguments: str) -> str:
-    """What the command says when it does not start."""
+    """Standard error of a command that does not start."""
     result = CliRunner().invoke(library_cli.app, ["serve", *arguments])
     assert result.exit_code == 1
     assert result.stdout == ""
     return result.stderr
 
 
-def test_a_port_in_use_is_said_with_the_way_out():
+def test_a_port_in_use_is_reported_with_alternatives():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        said = refused("--port", str(port))
-    assert said.startswith(f"error: port {port} on 127.0.0.1 cannot be used: ")
-    assert "--port" in said
+        error = refused("--port", str(port))
+    assert error.startswith(f"error: port {port} on 127.0.0.1 cannot be used: ")
+    assert "--port" in error
 
 
-def test_a_missing_data_folder_is_said(tmp_path):
+def test_a_missing_data_folder_is_reported(tmp_path):
     assert f"the data folder {tmp_path / 'no'} does not exist" in refused("--data", str(tmp_path / "no"))
 
 
@@ -119,61 +135,57 @@ def test_a_wrong_setting_is_named(monkeypatch):
     assert "ADVERB_LOG_LEVEL (--log-level)" in refused("--log-level", "loud")
 
 
-def test_an_unknown_host_is_said():
+def test_an_unknown_host_is_reported():
     assert "the host 'no.such.host.invalid' is not known" in refused("--host", "no.such.host.invalid", "--port", "0")
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])
-def test_a_public_address_needs_a_yes_in_so_many_words(host):
-    said = refused("--host", host, "--port", "0")
-    assert "there are no keys yet" in said
-    assert "--allow-public" in said
+def test_a_public_address_needs_an_explicit_option(host):
+    error = refused("--host", host, "--port", "0")
+    assert "there are no keys yet" in error
+    assert "--allow-public" in error
 
 
-def test_a_yes_opens_a_public_address():
+def test_the_option_opens_a_public_address():
     with listen(Settings(host="0.0.0.0", port=0, allow_public=True)) as listener:
         assert listener.getsockname()[1] > 0
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "127.8.9.1"])
-def test_loopback_needs_no_yes(host):
+def test_loopback_needs_no_option(host):
     with listen(Settings(host=host, port=0)) as listener:
         assert listener.getsockname()[1] > 0
 
 
 def test_the_command_has_the_library_s_commands_and_its_own():
     assert cli.main
-    said = CliRunner().invoke(library_cli.app, ["--help"]).stdout
-    assert "serve" in said
-    assert "build" in said
+    error = CliRunner().invoke(library_cli.app, ["--help"]).stdout
+    assert "serve" in error
+    assert "build" in error
 
 
-def test_it_ends_where_there_can_be_no_store(tmp_path):
-    ended = subprocess.run(
-        [sys.executable, "-c", START, "serve", "--port", "0", "--data", str(tmp_path)],
-        env={**os.environ, "ADVERB_DATABASE_URL": "mysql://nobody@127.0.0.1/nowhere"},
-        cwd=Path(__file__).parents[3],
-        capture_output=True,
-        timeout=LONGEST_START_S,
-        check=False,
-    )
-    assert ended.returncode == 1
-    assert b"mysql" in ended.stderr
-    assert ended.stderr.splitlines()[-1].startswith(b"error: verbs cannot be loaded")
+def test_it_ends_where_there_can_be_no_store(warm, tmp_path):
+    environment = {**os.environ, "ADVERB_DATABASE_URL": "mysql://nobody@127.0.0.1/nowhere"}
+    arguments = ["serve", "--port", "0", "--data", str(tmp_path)]
+    process = warm.start(*arguments, environment=environment, stderr=subprocess.PIPE)
+    lines = process.stderr.read()
+    assert process.wait(LONGEST_START_S) == 1
+    process.end()
+    assert b"mysql" in lines
+    assert lines.splitlines()[-1].startswith(b"error: verbs cannot be loaded")
 
 
-def test_it_ends_at_once_while_verbs_are_still_loading(tmp_path):
-    slow = f"""import time
-from service.catalog.store_sync import StoreSync
+def slow() -> None:
+    """A command whose verbs never finish loading."""
+    StoreSync.load = lambda self: time.sleep(600)
+    cli.main()
 
-StoreSync.load = lambda self: time.sleep(600)
-{START}"""
+
+def test_it_ends_at_once_while_verbs_are_still_loading(warm, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    process = subprocess.Popen(
-        [sys.executable, "-c", slow, "serve", "--port", str(port), "--data", str(tmp_path)],
-        cwd=Path(__file__).parents[3],
-    )
+    arguments = ["serve", "--port", str(port), "--data", str(tmp_path)]
+    process = warm.start(*arguments, target=f"{__name__}:slow")
     try:
         with httpx.Client(transport=httpx.HTTPTransport(retries=12), base_url=f"http://127.0.0.1:{port}") as client:
             assert client.get("/livez", timeout=LONGEST_START_S).status_code == 200
@@ -181,27 +193,67 @@ StoreSync.load = lambda self: time.sleep(600)
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=20) == 0
     finally:
+        process.end()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_ends_cleanly_while_modules_are_loaded(data_dir, number):
+    """A real command line, which needs a second of imports at least; the signal comes when the port is bound."""
+    command = [sys.executable, "-c", STOPPED, "serve", "--port", "0", "--data", str(data_dir)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, cwd=Path(__file__).parents[3])
+    try:
+        process.stderr.readline()
+        process.send_signal(number)
+        assert process.wait(timeout=LONGEST_START_S) == 0
+        assert b"server started" not in process.stderr.read()
+    finally:
         process.kill()
-        process.wait()
+        process.communicate()
 
 
-def test_a_long_start_is_told_of_until_it_is_over():
-    told, end = [], time.monotonic() + 30.0
-    patience = Patience(told.append, (0.001, 0.01))
-    while len(told) < 3 and time.monotonic() < end:
+def test_without_fork_it_serves_in_one_process_and_spawns_the_others(warm, tmp_path):
+    environment = {**os.environ, "ADVERB_REFINERS": "1"}
+    arguments = ["serve", "--port", "0", "--data", str(tmp_path)]
+    process = warm.start(*arguments, environment=environment, stderr=subprocess.PIPE, target=f"{__name__}:without_fork")
+    try:
+        lines = Lines(process.stderr)
+        base = lines.until(r"Adverb is ready on (http://\S+)")[1]
+        lines.until("worker '.*' is ready")
+        upload = httpx.post(f"{base}/v1/verbs", content=b"x", headers=OCTETS, timeout=LONGEST_START_S)
+        assert upload.json()["code"] == "bad_upload"
+        assert children(process.pid, "adverb-server") == []
+        below = descendants(process.pid)
+        process.terminate()
+        assert process.wait(timeout=40) == 0
+        assert not any(map(lives, below))
+    finally:
+        process.end()
+
+
+def without_fork() -> None:
+    """A command on a system that cannot fork safely."""
+    fork.AVAILABLE = False
+    cli.main()
+
+
+def test_without_fork_there_is_one_server_only(monkeypatch):
+    monkeypatch.setattr(fork, "AVAILABLE", False)
+    assert "use --workers 1" in refused("--workers", "2", "--port", "0")
+
+
+def test_a_long_start_is_reported_until_it_is_over():
+    lines, end = [], time.monotonic() + 30.0
+    progress = Progress(lines.append, (0.001, 0.01))
+    while len(lines) < 3 and time.monotonic() < end:
         time.sleep(0.001)
-    patience.send("ready")
-    patience.end()
-    count = len(told)
-    time.sleep(0.1)
-    assert len(told) == count
-    assert re.fullmatch(r"starting, 0 s so far; kernels are compiled at the first start, .*", told[0])
-    assert set(told[1:-1]) == {"starting, 0 s so far"}
-    assert told[-1] == "ready"
+    progress.close()
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    assert re.fullmatch(r"starting, 0 s so far; kernels are compiled at the first start, .*", lines[0])
+    assert set(lines[1:]) == {"starting, 0 s so far"}
+    assert len(lines) >= 3
 
 
-def test_a_short_start_says_nothing_of_itself():
-    told = []
-    patience = Patience(told.append)
-    patience.send("ready")
-    assert told == ["ready"]
+def test_a_short_start_is_not_reported():
+    lines = []
+    Progress(lines.append).close()
+    assert lines == []

@@ -16,9 +16,9 @@ from websockets.asyncio.client import connect
 from service.app import create_app
 from service.run.server import Server as Uvicorn
 from service.run.server import config_of
-from service.run.supervisor import supervise
 from service.settings import Settings
 from service.stream import packing
+from tests.warm import Sandboxes, Workers
 
 HEADER = struct.Struct("<BBHIQI")
 HEAD = struct.Struct("<HBBI4f")
@@ -30,7 +30,8 @@ class Server:
 
     def __init__(self, catalog, **settings):
         self.settings = Settings(**settings)
-        self.app = create_app(self.settings, supervise=supervise)
+        self.workers = Workers()
+        self.app = create_app(self.settings, supervise=self.workers.supervise, sandboxes=Sandboxes())
         self.state = self.app.state.server
 
         async def loaded():

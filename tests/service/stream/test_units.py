@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from service.catalog.catalog import Catalog
-from tests.service.stream.conftest import Server, talk
+from tests.service.stream.conftest import Server, open_stream
 from tests.verbs.sources import arm_source
 from tests.verbs.test_units import converted
 from verbs.authoring.fit import build
@@ -33,11 +33,11 @@ def centimetres(tmp_path_factory):
 async def test_a_binary_goal_carries_the_declared_unit(centimetres):
     server, verb = centimetres
     goal = verb.values.mean(axis=0)
-    async with talk(server) as client:
+    async with open_stream(server) as client:
         opened = await client.open(1, "arm", phase=0.5, play=False, half_life=0, follow=False)
         assert [adverb["unit"] for adverb in opened["adverbs"]] == ["cm", "cm"]
         assert opened["adverbs"][0]["max"] == pytest.approx(verb.adverbs[0].maximum)
-        await client.aim(1, *goal)
+        await client.set_adverbs(1, *goal)
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{server.port}") as rest:
             body = {"adverbs": dict(zip("xy", goal.tolist(), strict=True)), "phase": 0.5}
             expected = (await rest.post("/v1/verbs/arm/pose", json=body)).json()

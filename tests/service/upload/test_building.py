@@ -1,4 +1,4 @@
-"""Uploads are read in a process of their own, whatever they are."""
+"""Uploads are read in a process of their own, forked or spawned, whatever they contain."""
 
 import asyncio
 import io
@@ -10,7 +10,9 @@ import pytest
 from service.errors import BadUpload
 from service.upload.archive import unpack
 from service.upload.builder import Builder
+from service.upload.spawned import Spawned
 from tests.verbs.sources import arm_source
+from tests.warm import Sandboxes
 from verbs import library
 from verbs.authoring.fit import build
 from verbs.errors import SourceError
@@ -36,13 +38,10 @@ def source(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def builder():
-    """One builder, and the loop that its processes belong to."""
-    runner = asyncio.Runner()
-    made = Builder()
-    runner.run(made.prepare())
-    yield lambda upload, result: runner.run(made.make(upload, result))
-    runner.run(made.close())
-    runner.close()
+    """Builds in sandboxes that the warm parent forks."""
+    with asyncio.Runner() as runner:
+        made = Builder(Sandboxes())
+        yield lambda upload, result: runner.run(made.make(upload, result))
 
 
 @pytest.mark.parametrize("prefix", ["", "arm/"])
@@ -64,13 +63,35 @@ def test_an_artifact_is_checked_and_kept_as_it_is(builder, tmp_path):
     assert (tmp_path / "out.verb").read_bytes() == upload.read_bytes()
 
 
+def test_a_spawned_sandbox_answers_the_same(builder, source, tmp_path):
+    good, bad = zipped(tmp_path / "arm.zip", contents(source)), tmp_path / "upload"
+    bad.write_bytes(b"noise" * 100)
+
+    async def both():
+        sandboxes = Spawned()
+        try:
+            made = await Builder(sandboxes).make(good, tmp_path / "spawned.verb")
+            with pytest.raises(BadUpload) as wrong:
+                await Builder(sandboxes).make(bad, tmp_path / "out.verb")
+        finally:
+            await sandboxes.close()
+        return made, wrong.value.detail
+
+    made, detail = asyncio.run(both())
+    assert made == builder(good, tmp_path / "forked.verb")
+    assert (tmp_path / "spawned.verb").read_bytes() == (tmp_path / "forked.verb").read_bytes()
+    with pytest.raises(BadUpload) as wrong:
+        builder(bad, tmp_path / "out.verb")
+    assert wrong.value.detail == detail
+
+
 def _without_keytimes(source):
     text = (Path(source) / "verb.toml").read_text().replace("keytimes", "keytimez")
     return {**contents(source), "verb.toml": text}
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "problem"),
     [
         (b"", "is 0 bytes long"),
         (b"noise" * 100, "does not start like a safetensors file"),
@@ -83,7 +104,7 @@ def _without_keytimes(source):
         ({"/etc/verb.toml": b"x"}, "would lie outside"),
     ],
 )
-def test_what_is_no_verb_is_said_to_be_none(builder, tmp_path, content, said):
+def test_invalid_uploads_are_refused_with_the_reason(builder, tmp_path, content, problem):
     upload = tmp_path / "upload"
     if isinstance(content, dict):
         zipped(upload, content)
@@ -91,7 +112,7 @@ def test_what_is_no_verb_is_said_to_be_none(builder, tmp_path, content, said):
         upload.write_bytes(content)
     with pytest.raises(BadUpload) as wrong:
         builder(upload, tmp_path / "out.verb")
-    assert said in wrong.value.detail
+    assert problem in wrong.value.detail
     assert str(tmp_path) not in wrong.value.detail
     assert not (tmp_path / "out.verb").exists()
 
@@ -102,7 +123,7 @@ def test_a_mistake_in_a_source_is_named(builder, source, tmp_path):
         builder(upload, tmp_path / "out.verb")
 
 
-def test_a_bomb_is_not_unpacked(tmp_path):
+def test_a_zip_bomb_is_not_unpacked(tmp_path):
     bomb = io.BytesIO()
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
         for number in range(9):
@@ -129,9 +150,9 @@ def damaged(at, value):
 @pytest.mark.parametrize(
     "content",
     [damaged(8, b"\x61\x00"), damaged(6, b"\x01\x00"), damaged(39, b"\xff\xff\xff\xff")],
-    ids=["a compression that nobody knows", "a password", "bytes that do not unpack"],
+    ids=["unknown compression", "password", "corrupt data"],
 )
-def test_what_cannot_be_unpacked_is_said_to_be_broken(tmp_path, content):
+def test_archives_that_cannot_be_unpacked_are_refused(tmp_path, content):
     (tmp_path / "broken.zip").write_bytes(content)
     (tmp_path / "out").mkdir()
     with pytest.raises(SourceError, match="cannot be unpacked"):

@@ -34,15 +34,15 @@ ifeq ($(UV),0)
 	@$(BIN)/pip install -q --no-deps --no-build-isolation -e . -e clients/python
 else
 	@$(BIN)/pip install -q uv
-	@$(BIN)/uv pip install -q --python $(BIN)/python --require-hashes -r requirements.lock
-	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps -e . -e clients/python
+	@$(BIN)/uv pip install -q --compile-bytecode --python $(BIN)/python --require-hashes -r requirements.lock
+	@$(BIN)/uv pip install -q --compile-bytecode --python $(BIN)/python --no-deps -e . -e clients/python
 endif
 	@touch $@
 
 serve: setup $(PAGE) $(WARM)  ## start the server on 127.0.0.1:8000 (ADVERB_PORT, ADVERB_DATA, … are honoured)
 	@exec $(BIN)/adverb serve
 
-$(WARM): $(VENV)/.ready verbs/kernels/compile.py $(KERNELS)
+$(WARM): $(VENV)/.ready verbs/kernels/compile.py service/run/warmup.py $(KERNELS)
 	@echo "setup: compiling kernels (a minute at first, seconds after a change)"
 	@$(BIN)/python -m service.run.warmup
 	@touch $@

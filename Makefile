@@ -70,7 +70,7 @@ test: setup $(PAGE) $(WARM)  ## run the whole test suite, or with T=… a part o
 ifdef T
 	@$(BIN)/python -m pytest $(T)
 else
-	@$(BIN)/python -m pytest -n 2 --dist loadgroup
+	@$(BIN)/python -m pytest -n 2 --dist loadfile
 	@$(if $(HAS_NPM),npm --prefix $(DASHBOARD) test --silent,echo "test: without npm, the dashboard's own tests are left out")
 endif
 

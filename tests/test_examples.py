@@ -10,8 +10,6 @@ from tests.service.catalog.conftest import PATIENCE_S, Kept
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
-pytestmark = pytest.mark.xdist_group("examples")
-
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory):

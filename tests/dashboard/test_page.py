@@ -12,7 +12,7 @@ import pytest
 from tests.dashboard.conftest import PATIENCE_S, PROJECT, opened
 from verbs import library
 
-pytestmark = [pytest.mark.xdist_group("dashboard"), pytest.mark.slow]
+pytestmark = [pytest.mark.slow]
 
 TABS = ["Verb", "Quality", "Versions", "Service", "Upload"]
 

@@ -20,7 +20,7 @@ from tests.warm import Process as Started
 from verbs import library
 from verbs.io import artifact
 
-pytestmark = [pytest.mark.slow, pytest.mark.anyio, pytest.mark.xdist_group("topology")]
+pytestmark = [pytest.mark.slow, pytest.mark.anyio]
 
 PATIENCE_S = 180.0
 SOON_S = 5.0

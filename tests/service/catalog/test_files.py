@@ -4,15 +4,11 @@ import hashlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-import pytest
-
 from service.catalog.catalog import Catalog
 from service.catalog.store_sync import StoreSync
 from service.store.store import Store
 from verbs import library
 from verbs.io import artifact
-
-pytestmark = pytest.mark.xdist_group("catalog")
 
 
 def opened(folder):

@@ -18,7 +18,7 @@ from tests.service.catalog.conftest import PATIENCE_S, ZIP, zipped_arm
 from tests.warm import children, lives
 from verbs import cli as library_cli
 
-pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("killed")]
+pytestmark = [pytest.mark.anyio]
 
 
 class Started:

@@ -10,7 +10,7 @@ from tests.service.catalog.conftest import PATIENCE_S, Kept, client_of, until
 from tests.service.refinement.conftest import database
 from tests.service.stream.conftest import open_stream
 
-pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("outage")]
+pytestmark = [pytest.mark.anyio]
 
 AWAY_S = 10.0
 LONG = {"max_pseudo": 120, "target_error": 1e-6}

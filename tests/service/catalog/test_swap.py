@@ -15,7 +15,7 @@ from verbs.authoring.fit import build
 from verbs.io import artifact
 from verbs.runtime.characters import VERSION_S
 
-pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("swap")]
+pytestmark = [pytest.mark.anyio]
 
 SOCKETS, VERSIONS = 100, 20
 WATCHED = 2

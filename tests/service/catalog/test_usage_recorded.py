@@ -12,7 +12,7 @@ from verbs.domain import inside
 from verbs.io import artifact
 from verbs.runtime.evaluate import Evaluator
 
-pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("catalog")]
+pytestmark = [pytest.mark.anyio]
 
 PSEUDO = 16
 

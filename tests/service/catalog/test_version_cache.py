@@ -5,7 +5,7 @@ import pytest
 
 from tests.service.catalog.test_versions import PATIENCE_S, ZIP, Kept, zipped_arm
 
-pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("catalog")]
+pytestmark = [pytest.mark.anyio]
 
 POSE = {"adverbs": {"x": 0.4, "y": 0.3}, "phase": 0.5}
 

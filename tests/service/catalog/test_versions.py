@@ -13,7 +13,7 @@ from tests.service.stream.conftest import open_stream
 from verbs import library
 from verbs.io import artifact
 
-pytestmark = [pytest.mark.anyio, pytest.mark.xdist_group("catalog")]  # one server, whose verbs the tests change
+pytestmark = [pytest.mark.anyio]  # one server, whose verbs the tests change
 
 
 @pytest.fixture(scope="module")

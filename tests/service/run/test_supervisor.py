@@ -23,7 +23,7 @@ from tests.service.conftest import ARM
 from tests.service.run.test_server import OCTETS, Lines, refused
 from tests.warm import Warm, children, descendants, lives
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("processes")]
+pytestmark = [pytest.mark.slow]
 
 LONGEST_S = 120.0
 STREAMS = 12

@@ -15,10 +15,10 @@ from verbs.kernels.compile import kernel
 
 
 @kernel
-def _compiled_loop(points, basis, row, out):
+def _compiled_loop(points, basis, out):
     """A compiled caller evaluates point by point, as a game's own loop would."""
     for b in range(points.shape[0]):
-        radial_basis.evaluate(points[b], basis, row, out)
+        radial_basis.evaluate(points[b : b + 1], basis, out)
 
 
 def main() -> None:
@@ -31,7 +31,7 @@ def main() -> None:
     normal = (rows - basis.chart.shift) * basis.chart.scale
     interpolator = RBFInterpolator(basis.centers, np.eye(len(basis.centers)), kernel="linear", degree=1)
     three = Corrected.of_verb(verb, steps=3)
-    row, out = np.empty(len(basis.poly)), np.empty(len(verb.examples))
+    out = np.empty((1, len(verb.examples)))
     best = interleave(
         {
             "pose, 100 single, corrected": lambda: [evaluator.pose(one, phase=0.4) for _ in range(100)],
@@ -39,7 +39,7 @@ def main() -> None:
             "poses, batch of 1,000, corrected": lambda: evaluator.pose(rows, phase=phases),
             "poses, batch of 1,000, rbf": lambda: evaluator.pose(rows, phase=phases, method="rbf"),
             "weights rbf, batch": lambda: basis_weights(basis, rows),
-            "weights rbf, compiled loop": lambda: _compiled_loop(normal, basis.arrays, row, out),
+            "weights rbf, compiled loop": lambda: _compiled_loop(normal, basis.arrays, out),
             "weights corrected K=3, batch": lambda: three.weights(rows),
             "scipy RBFInterpolator, batch": lambda: interpolator(normal),
             "scipy RBFInterpolator, 100 single": lambda: [interpolator(normal[k : k + 1]) for k in range(100)],

@@ -14,11 +14,15 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.kernels import measure as kernels
 from verbs.kernels import root_velocity
+from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import Chain, effector_positions
 from verbs.kernels.timewarp import Clock
 from verbs.verb import Verb
 
 __all__ = ["Goal", "diagonal"]
+
+_goals, _compare = direct(kernels.goals), direct(kernels.compare)
+_effector_positions, _root_velocities = direct(effector_positions), direct(kernels.root_velocities)
 
 _SPLINE_AT_KNOT = np.array([1.0, 4.0, 1.0]) / 6.0
 
@@ -93,24 +97,26 @@ class Goal:
     def points(self, adverbs: F64) -> F64:
         """Goals (B, 3) of adverbs (B, D)."""
         out = np.empty((len(adverbs), 3))
-        kernels.goals(self.space, adverbs, out)
+        _goals(self.space, np.ascontiguousarray(adverbs, np.float64), out)
         return out
 
     def compare(self, adverbs: F64, points: F64) -> tuple[F64, F64]:
         """Measured adverbs (B, m) of measured points (B, 3), and their distance (B,) to the goals of adverbs (B, D)."""
         measured, error = np.empty((len(points), len(self.space.axes))), np.empty(len(points))
-        kernels.compare(self.space, adverbs, points, measured, error)
+        adverbs, points = np.ascontiguousarray(adverbs, np.float64), np.ascontiguousarray(points, np.float64)
+        _compare(self.space, adverbs, points, measured, error)
         return measured, error
 
     def measured(self, weights: F64) -> F64:
         """Points (B, 3) that blends of weights (B, N) are measured at; NaN where nothing is measured."""
         kind, out = self.verb.measure.kind, np.full((len(weights), 3), np.nan)
+        weights = np.ascontiguousarray(weights, np.float64)
         if kind == kernels.POSITION:
-            effector_positions(weights, self.chain, out)
+            _effector_positions(weights, self.chain, out)
         elif kind == kernels.JUMP:
             kernels.jumps(weights, self.roots, out)
         elif kind == kernels.VELOCITY:
-            kernels.root_velocities(weights, self.cycle, out)
+            _root_velocities(weights, self.cycle, out)
         return out
 
 

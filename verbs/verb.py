@@ -14,11 +14,15 @@ from verbs.errors import IllPosedVerb, UnknownName
 from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
+from verbs.kernels.compile import direct
 from verbs.kernels.radial_basis import RADIAL_BASES, BasisArrays
 from verbs.skeleton import Skeleton
 
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,62}")
 """What a verb may be called: it stands in addresses, file names and metric labels."""
+
+
+_normalise, _denormalise = direct(charts.normalise), direct(charts.denormalise)
 
 
 def _check(holds: bool, problem: str) -> None:
@@ -90,11 +94,11 @@ class Chart:
 
     def points(self, adverbs: F64) -> F64:
         """Normalised chart points (..., D) of adverbs (..., D)."""
-        return self._through(charts.normalise, adverbs)
+        return self._through(_normalise, adverbs)
 
     def adverbs(self, points: F64) -> F64:
         """Adverbs (..., D) of normalised chart points (..., D)."""
-        return self._through(charts.denormalise, points)
+        return self._through(_denormalise, points)
 
     def _through(self, kernel: Callable[..., None], rows: F64) -> F64:
         flat = np.ascontiguousarray(rows, np.float64).reshape(-1, len(self.shift))

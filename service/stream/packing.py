@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from verbs.conventions import F32, F64, I64
 from verbs.kernels.character_state import PROGRESS, Records
-from verbs.kernels.compile import kernel
+from verbs.kernels.compile import direct, kernel
 from verbs.runtime.characters import Frames
 from verbs.runtime.evaluate import Blend
 from verbs.skeleton import Skeleton
@@ -150,7 +150,7 @@ def pack(frames: Frames, global_rotations: F64, version: int, targets: Targets, 
         frames.progress, blend.error, blend.clamped, flags, frames.root, frames.rotations, global_rotations,
         blend.weights,
     )  # fmt: skip
-    _pack(arrays, targets, version, _Words(words, words.view(np.float32), words.view(np.uint16)))
+    _pack_direct(arrays, targets, version, _Words(words, words.view(np.float32), words.view(np.uint16)))
 
 
 def warm() -> None:
@@ -203,6 +203,9 @@ def _pack(frames: _Frames, targets: Targets, version: int, buffer: _Words) -> No
                 floats[word], floats[word + 1], floats[word + 2], floats[word + 3] = x, y, z, w
             else:
                 _smallest_three(x, y, z, w, 2 * to + 3 * (k - first), halves)
+
+
+_pack_direct = direct(_pack)
 
 
 @kernel

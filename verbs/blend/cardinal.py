@@ -7,16 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from verbs.conventions import F64
-from verbs.kernels import weights as kernels
+from verbs.kernels import radial_basis
+from verbs.kernels.compile import direct
 from verbs.verb import Basis, Verb
 
 __all__ = ["Rbf", "basis_weights"]
+
+_cardinal = direct(radial_basis.cardinal)
 
 
 def basis_weights(basis: Basis, adverbs: F64) -> F64:
     """Weights (B, N) of a basis at adverbs (B, D) inside the domain."""
     out = np.empty((len(adverbs), basis.radial.shape[1]))
-    kernels.cardinal(adverbs, basis.arrays, out)
+    _cardinal(np.ascontiguousarray(adverbs, np.float64), basis.arrays, out)
     return out
 
 

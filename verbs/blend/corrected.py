@@ -15,11 +15,16 @@ from verbs.conventions import F64
 from verbs.goal import Goal
 from verbs.kernels import correction as kernels
 from verbs.kernels import measure as measures
+from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import correct_positions
 from verbs.kernels.corrected_velocity import correct_velocities
 from verbs.verb import Basis, Verb
 
 __all__ = ["SATURATION", "STEPS", "Corrected"]
+
+_correct_positions = direct(correct_positions)
+_correct_jumps = direct(kernels.correct_jumps)
+_correct_velocities = direct(correct_velocities)
 
 SATURATION = 0.15
 """Longest step's residual, as a share of the greatest distance between two examples' goals."""
@@ -76,11 +81,12 @@ class Corrected:
         return weights
 
     def correct(self, weights: F64, goals: F64) -> None:
-        """Correct weights (B, N) in place toward goals (B, 3)."""
+        """Correct C-contiguous weights (B, N) in place toward goals (B, 3)."""
         goal, kind = self.goal, self.goal.verb.measure.kind
+        goals = np.ascontiguousarray(goals, np.float64)
         if kind == measures.POSITION:
-            correct_positions(weights, goals, self.correction, goal.chain)
+            _correct_positions(weights, goals, self.correction, goal.chain)
         elif kind == measures.JUMP:
-            kernels.correct_jumps(weights, goals, self.correction, goal.roots)
+            _correct_jumps(weights, goals, self.correction, goal.roots)
         elif kind == measures.VELOCITY:
-            correct_velocities(weights, goals, self.correction, goal.cycle)
+            _correct_velocities(weights, goals, self.correction, goal.cycle)

@@ -17,10 +17,13 @@ from verbs.blend.search import Search
 from verbs.conventions import F64
 from verbs.goal import Goal
 from verbs.kernels import center_lists as kernels
+from verbs.kernels.compile import direct
 from verbs.kernels.radial_basis import COMPACT
 from verbs.verb import Basis, Verb
 
 __all__ = ["CROSSOVER", "Hybrid", "Refined"]
+
+_cardinal = direct(kernels.cardinal)
 
 CROSSOVER = 40
 """Centers from which on lists are faster than trying all; measured by ``python -m benchmarks.lists``."""
@@ -59,7 +62,7 @@ class Refined:
         if lists is None:
             return basis_weights(basis, adverbs)
         out = np.empty((len(adverbs), basis.radial.shape[1]))
-        kernels.cardinal(adverbs, basis.arrays, lists, out)
+        _cardinal(np.ascontiguousarray(adverbs, np.float64), basis.arrays, lists, out)
         return out
 
 

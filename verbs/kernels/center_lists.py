@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from verbs.conventions import F64, I64
-from verbs.kernels import chart as charts
 from verbs.kernels import radial_basis
+from verbs.kernels.chart import normalise
 from verbs.kernels.compile import kernel
 from verbs.kernels.radial_basis import SUPPORT, BasisArrays
 
@@ -135,7 +135,7 @@ def _list(centers: F64, reaches: F64, grid: Grid, cursors: I64) -> None:
 
 
 @kernel
-def _gather(point: F64, candidates: I64, basis: BasisArrays, found: I64, squares: F64, count: int) -> int:
+def _gather(point: F64, candidates: I64, centers: F64, radii: F64, found: I64, squares: F64, count: int) -> int:
     """Append the candidates whose support contains a point (D,), and their squared distances; return the new count.
 
     A millionth more than the support is accepted: the radial function decides there, and gives zero.
@@ -144,22 +144,21 @@ def _gather(point: F64, candidates: I64, basis: BasisArrays, found: I64, squares
     for m in range(candidates.shape[0]):
         c, squared = candidates[m], 0.0
         for a in range(point.shape[0]):
-            squared += (point[a] - basis.centers[c, a]) ** 2
-        if squared < reach * basis.radii[c] * basis.radii[c]:
+            squared += (point[a] - centers[c, a]) ** 2
+        if squared < reach * radii[c] * radii[c]:
             found[count], squares[count] = c, squared
             count += 1
     return count
 
 
 @kernel
-def _sum(basis: BasisArrays, found: I64, squares: F64, count: int, out: F64) -> None:
+def _sum(function: int, radii: F64, radial: F64, found: I64, squares: F64, count: int, out: F64) -> None:
     """Add the radial parts of ``count`` centers to ``out`` (N,).
 
     Distances, functions and sums have a loop each: roots and divisions of several centers then run side by side.
     """
-    radial = basis.radial
     for k in range(count):
-        squares[k] = radial_basis.phi(basis.radial_basis, np.sqrt(squares[k]) / basis.radii[found[k]])
+        squares[k] = radial_basis.phi(function, np.sqrt(squares[k]) / radii[found[k]])
     for k in range(count):
         value, c = squares[k], found[k]
         for i in range(out.shape[0]):
@@ -167,10 +166,9 @@ def _sum(basis: BasisArrays, found: I64, squares: F64, count: int, out: F64) -> 
 
 
 @kernel
-def _polynomial(point: F64, basis: BasisArrays, row: F64, out: F64) -> None:
+def _polynomial(point: F64, degree: int, poly: F64, row: F64, out: F64) -> None:
     """Polynomial part of the weights (N,), in the order of :func:`verbs.kernels.radial_basis.evaluate`."""
-    poly = basis.poly
-    count = radial_basis.features(point, basis.degree, row)
+    count = radial_basis.features(point, degree, row)
     for i in range(out.shape[0]):
         out[i] = 0.0
     for f in range(count):
@@ -179,29 +177,33 @@ def _polynomial(point: F64, basis: BasisArrays, row: F64, out: F64) -> None:
 
 
 @kernel
-def _cell(point: F64, grid: Grid) -> int:
-    """Cell of a point (D,), or -1 outside the grid."""
+def _cell(point: F64, axes: I64, low: F64, inverse: F64, shape: I64) -> int:
+    """Cell of a point (D,), or -1 outside the grid; arrays as in :class:`Grid`."""
     cell = 0
-    for a in range(grid.axes.shape[0]):
-        offset = (point[grid.axes[a]] - grid.low[a]) * grid.inverse[a]
-        if not (offset >= 0.0 and offset < grid.shape[a]):
+    for a in range(axes.shape[0]):
+        offset = (point[axes[a]] - low[a]) * inverse[a]
+        if not (offset >= 0.0 and offset < shape[a]):
             return -1
-        cell = cell * grid.shape[a] + int(offset)
+        cell = cell * shape[a] + int(offset)
     return cell
 
 
 @kernel
 def cardinal(adverbs: F64, basis: BasisArrays, grid: Grid, out: F64) -> None:
-    """Weights (B, N) at adverbs (B, D), as :func:`verbs.kernels.weights.cardinal` by :class:`Grid`."""
-    count = basis.centers.shape[0]
-    point, row = np.empty(adverbs.shape[1]), np.empty(basis.poly.shape[0])
-    found, squares = np.empty(count, np.int64), np.empty(count)
-    for b in range(adverbs.shape[0]):
-        charts.to_point(basis.chart, adverbs[b], point)
-        _polynomial(point, basis, row, out[b])
-        cell = _cell(point, grid)
-        candidates = grid.members[grid.starts[cell] : grid.starts[cell + 1]] if cell >= 0 else np.arange(count)
-        _sum(basis, found, squares, _gather(point, candidates, basis, found, squares, 0), out[b])
+    """Weights (B, N) at adverbs (B, D), as :func:`verbs.kernels.radial_basis.cardinal` by :class:`Grid`."""
+    function, degree, centers, radii = basis.radial_basis, basis.degree, basis.centers, basis.radii
+    radial, poly, row = basis.radial, basis.poly, np.empty(basis.poly.shape[0])
+    axes, low, inverse, shape, starts, members = grid
+    found, squares = np.empty(centers.shape[0], np.int64), np.empty(centers.shape[0])
+    points = np.empty_like(adverbs)
+    normalise(adverbs, basis.chart, points)
+    for b in range(points.shape[0]):
+        point = points[b]
+        _polynomial(point, degree, poly, row, out[b])
+        cell = _cell(point, axes, low, inverse, shape)
+        candidates = members[starts[cell] : starts[cell + 1]] if cell >= 0 else np.arange(centers.shape[0])
+        count = _gather(point, candidates, centers, radii, found, squares, 0)
+        _sum(function, radii, radial, found, squares, count, out[b])
 
 
 def cluster(centers: F64, radii: F64) -> Tree:
@@ -241,27 +243,30 @@ def cluster(centers: F64, radii: F64) -> Tree:
 @kernel
 def cardinal_tree(points: F64, basis: BasisArrays, tree: Tree, out: F64) -> None:
     """Weights (B, N) at normalised chart points (B, D) by :class:`Tree`; the sum runs in the tree's order."""
-    row, stack = np.empty(basis.poly.shape[0]), np.empty(DEPTH, np.int64)
-    found, squares = np.empty(basis.centers.shape[0], np.int64), np.empty(basis.centers.shape[0])
+    function, degree, centers, radii = basis.radial_basis, basis.degree, basis.centers, basis.radii
+    radial, poly, row = basis.radial, basis.poly, np.empty(basis.poly.shape[0])
+    middles, reaches, children, spans, order = tree
+    found, squares = np.empty(centers.shape[0], np.int64), np.empty(centers.shape[0])
+    stack = np.empty(DEPTH, np.int64)
     for b in range(points.shape[0]):
         point = points[b]
-        _polynomial(point, basis, row, out[b])
+        _polynomial(point, degree, poly, row, out[b])
         stack[0], height, count = 0, 1, 0
         while height > 0:
             height -= 1
             node = stack[height]
             squared = 0.0
             for a in range(point.shape[0]):
-                squared += (point[a] - tree.middles[node, a]) ** 2
-            if squared >= tree.reaches[node] * tree.reaches[node]:
+                squared += (point[a] - middles[node, a]) ** 2
+            if squared >= reaches[node] * reaches[node]:
                 continue
-            if tree.children[node, 0] >= 0:
-                stack[height], stack[height + 1] = tree.children[node, 1], tree.children[node, 0]
+            if children[node, 0] >= 0:
+                stack[height], stack[height + 1] = children[node, 1], children[node, 0]
                 height += 2
                 continue
-            candidates = tree.order[tree.spans[node, 0] : tree.spans[node, 1]]
-            count = _gather(point, candidates, basis, found, squares, count)
-        _sum(basis, found, squares, count, out[b])
+            candidates = order[spans[node, 0] : spans[node, 1]]
+            count = _gather(point, candidates, centers, radii, found, squares, count)
+        _sum(function, radii, radial, found, squares, count, out[b])
 
 
 @kernel

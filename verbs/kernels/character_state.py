@@ -148,11 +148,11 @@ def _passes(phases: F64, start: float, stop: float) -> float:
 @kernel
 def advance(slots: I64, step_s: float, state: Records, weights: F64, clock: Clock, progress: Records) -> None:
     """Advance phases by one step at the weights (B, N) of this frame, and write ``progress`` (B,)."""
-    phases = clock.phases
+    phases, log_lengths, looping = clock
     keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     for b in range(slots.shape[0]):
         row, end = state[slots[b]], progress[b]
-        duration = timewarp.warp(weights[b], clock, keytimes, tangents)
+        duration = timewarp.warp(weights[b], phases, log_lengths, looping, keytimes, tangents)
         start = row["phase"]
         gone = 0.0 if row["fresh"] == 1.0 else row["playing"] * row["speed"] * step_s
         seconds = timewarp.time_at(phases, keytimes, tangents, start) + gone
@@ -160,14 +160,14 @@ def advance(slots: I64, step_s: float, state: Records, weights: F64, clock: Cloc
         if row["looping"] > 0.0 and gone != 0.0:
             cycles = np.floor(seconds / duration)
             seconds -= cycles * duration
-            end["restarted"] = 1.0 if cycles != 0.0 and not clock.looping else 0.0
+            end["restarted"] = 1.0 if cycles != 0.0 and not looping else 0.0
         elif (gone > 0.0 and seconds >= duration) or (gone < 0.0 and seconds <= 0.0):
             end["ended"] = 1.0
             row["playing"] = 0.0
         seconds = min(max(seconds, 0.0), duration)
         if gone != 0.0:
             row["phase"] = timewarp.phase_at(phases, keytimes, tangents, seconds)
-            if row["looping"] > 0.0 and clock.looping and row["phase"] >= 1.0:
+            if row["looping"] > 0.0 and looping and row["phase"] >= 1.0:
                 row["phase"], seconds = 0.0, 0.0
                 cycles += 1.0
         end["phase"], end["time_s"], end["duration_s"] = row["phase"], seconds, duration

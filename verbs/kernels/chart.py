@@ -29,11 +29,10 @@ __all__ = [
     "ChartArrays",
     "DomainArrays",
     "clamp",
+    "clamp_point",
     "denormalise",
-    "from_point",
     "gauge",
     "normalise",
-    "to_point",
 ]
 
 IDENTITY, CYLINDER, PLANAR = range(3)
@@ -81,36 +80,31 @@ class DomainArrays(NamedTuple):
 
 
 @kernel
-def to_point(chart: ChartArrays, adverbs: F64, out: F64) -> None:
-    """Normalised chart coordinates (D,) of adverbs (D,)."""
-    axes, bend = chart.axes, chart.bend
+def _to_chart(kind: int, axes: I64, bend: F64, adverbs: F64, out: F64) -> None:
+    """Chart coordinates (D,) of adverbs (D,)."""
     for a in range(adverbs.shape[0]):
         out[a] = adverbs[a]
-    if chart.kind == CYLINDER:
+    if kind == CYLINDER:
         x, z = adverbs[axes[0]] - bend[0], adverbs[axes[2]] - bend[1]
         out[axes[0]] = bend[3] * ((np.arctan2(x, z) - bend[2]) % (2.0 * np.pi))
         out[axes[2]] = np.sqrt(x * x + z * z)
-    elif chart.kind == PLANAR:
+    elif kind == PLANAR:
         distance, direction = adverbs[axes[0]], adverbs[axes[1]] * (bend[0] if bend[0] != 0.0 else 1.0)
         out[axes[0]] = distance * np.sin(direction)
         out[axes[1]] = distance * np.cos(direction)
-    for a in range(adverbs.shape[0]):
-        out[a] = (out[a] - chart.shift[a]) * chart.scale[a]
 
 
 @kernel
-def from_point(chart: ChartArrays, point: F64, out: F64) -> None:
-    """Adverbs (D,) of normalised chart coordinates (D,): the inverse of :func:`to_point`. ``point`` is overwritten."""
-    axes, bend = chart.axes, chart.bend
-    for a in range(point.shape[0]):
-        point[a] = point[a] / chart.scale[a] + chart.shift[a]
-        out[a] = point[a]
-    if chart.kind == CYLINDER:
-        angle, radius = point[axes[0]] / bend[3] + bend[2], point[axes[2]]
+def _from_chart(kind: int, axes: I64, bend: F64, coordinates: F64, out: F64) -> None:
+    """Adverbs (D,) of chart coordinates (D,): the inverse of :func:`_to_chart`."""
+    for a in range(coordinates.shape[0]):
+        out[a] = coordinates[a]
+    if kind == CYLINDER:
+        angle, radius = coordinates[axes[0]] / bend[3] + bend[2], coordinates[axes[2]]
         out[axes[0]] = bend[0] + radius * np.sin(angle)
         out[axes[2]] = bend[1] + radius * np.cos(angle)
-    elif chart.kind == PLANAR:
-        x, z = point[axes[0]], point[axes[1]]
+    elif kind == PLANAR:
+        x, z = coordinates[axes[0]], coordinates[axes[1]]
         out[axes[0]] = np.sqrt(x * x + z * z)
         out[axes[1]] = np.arctan2(x, z) / (bend[0] if bend[0] != 0.0 else 1.0) if x != 0.0 or z != 0.0 else 0.0
 
@@ -118,17 +112,22 @@ def from_point(chart: ChartArrays, point: F64, out: F64) -> None:
 @kernel
 def normalise(adverbs: F64, chart: ChartArrays, out: F64) -> None:
     """Normalised chart coordinates of adverbs (B, D), written to ``out`` (B, D)."""
+    kind, axes, bend, shift, scale = chart
     for b in range(adverbs.shape[0]):
-        to_point(chart, adverbs[b], out[b])
+        _to_chart(kind, axes, bend, adverbs[b], out[b])
+        for a in range(adverbs.shape[1]):
+            out[b, a] = (out[b, a] - shift[a]) * scale[a]
 
 
 @kernel
 def denormalise(points: F64, chart: ChartArrays, out: F64) -> None:
     """Adverbs of normalised chart coordinates (B, D), written to ``out`` (B, D): the inverse of :func:`normalise`."""
-    point = np.empty(points.shape[1])
+    kind, axes, bend, shift, scale = chart
+    coordinates = np.empty(points.shape[1])
     for b in range(points.shape[0]):
-        point[:] = points[b]
-        from_point(chart, point, out[b])
+        for a in range(points.shape[1]):
+            coordinates[a] = points[b, a] / scale[a] + shift[a]
+        _from_chart(kind, axes, bend, coordinates, out[b])
 
 
 @kernel
@@ -157,17 +156,35 @@ def gauge(point: F64, facets: F64, middle: F64, sharpness: float) -> float:
 
 
 @kernel
-def clamp(point: F64, domain: DomainArrays) -> bool:
+def clamp_point(point: F64, facets: F64, middle: F64, sharpness: float) -> bool:
     """Move a point (D,) far outside the hull back to its surroundings, in place; return whether it was moved.
 
     The identity up to gauge 1.08, then a hyperbolic tangent that never passes 1.25: twice differentiable, so that
     a goal that leaves the domain does not make the character jerk.
     """
-    value = gauge(point, domain.facets, domain.middle, domain.sharpness)
+    value = gauge(point, facets, middle, sharpness)
     if value <= FREE_GAUGE:
         return False
     span = LAST_GAUGE - FREE_GAUGE
     shrink = (FREE_GAUGE + span * np.tanh((value - FREE_GAUGE) / span)) / value
     for a in range(point.shape[0]):
-        point[a] = domain.middle[a] + (point[a] - domain.middle[a]) * shrink
+        point[a] = middle[a] + (point[a] - middle[a]) * shrink
     return True
+
+
+@kernel
+def clamp(adverbs: F64, domain: DomainArrays, out: F64, moved: F64) -> None:
+    """Adverbs (B, D) moved back to the domain, to ``out`` (B, D); ``moved`` (B,) is 1 where that changed them."""
+    facets, middle, sharpness = domain.facets, domain.middle, domain.sharpness
+    kind, axes, bend, shift, scale = domain.chart
+    point = np.empty(adverbs.shape[1])
+    for b in range(adverbs.shape[0]):
+        _to_chart(kind, axes, bend, adverbs[b], point)
+        for a in range(point.shape[0]):
+            point[a] = (point[a] - shift[a]) * scale[a]
+        out[b], moved[b] = adverbs[b], 0.0
+        if clamp_point(point, facets, middle, sharpness):
+            moved[b] = 1.0
+            for a in range(point.shape[0]):
+                point[a] = point[a] / scale[a] + shift[a]
+            _from_chart(kind, axes, bend, point, out[b])

@@ -26,9 +26,9 @@ import numpy as np
 from numba import njit, typeof
 from numba.core import caching
 from numba.core.dispatcher import Dispatcher
-from numba.core.types import BaseTuple
+from numba.core.types import Array, BaseTuple
 
-__all__ = ["digest", "entry_point", "kernel"]
+__all__ = ["digest", "direct", "entry_point", "kernel"]
 
 REORDER = {"reassoc", "contract", "arcp", "nsz"}
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": REORDER}
@@ -53,16 +53,32 @@ def kernel(function: Function) -> Function:
     return cast(Function, dispatcher)
 
 
-def entry_point(function: Callable[..., object], *arguments: object) -> Callable[..., Any]:
-    """Compiled code of a kernel for arguments of these types, as a function without keywords.
+def direct(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A kernel as a function that resolves argument types in its first call only.
 
-    A call of it resolves no types, which for named tuples takes longer than many kernels run. It must be given
-    arguments of exactly these types (dtype, dimensions, memory order, writeable or not): nothing checks that.
+    To resolve the types of named tuples takes longer than many kernels run. All calls must have arguments of the types
+    of the first one: data type, dimensions and memory order of arrays, classes of named tuples. Nothing checks them.
+    """
+    entry: Callable[..., Any] | None = None
+
+    def call(*arguments: object) -> Any:
+        nonlocal entry
+        if entry is None:
+            entry = entry_point(function, *arguments)
+        return entry(*arguments)
+
+    return call
+
+
+def entry_point(function: Callable[..., Any], *arguments: object) -> Callable[..., Any]:
+    """Compiled code of a kernel for arguments of these types, as a function without keywords and without checks.
+
+    Arrays that are arguments themselves count as writeable: code for read-only ones could differ in the last bit.
     """
     if not isinstance(function, Dispatcher):  # NUMBA_DISABLE_JIT
         return function
-    types = tuple(typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
-    return function.compile(types)
+    types = [typeof(argument) for argument in arguments]  # type: ignore[no-untyped-call]
+    return function.compile(tuple(kind.copy(readonly=False) if isinstance(kind, Array) else kind for kind in types))
 
 
 def digest(function: FunctionType) -> str:

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from verbs.conventions import F64
-from verbs.kernels import measure, weights
-from verbs.kernels.chart import DomainArrays
+from verbs.kernels import measure
+from verbs.kernels.chart import DomainArrays, clamp
 from verbs.kernels.compile import kernel
-from verbs.kernels.correction import SQUARE, Correction, distance_to, step
+from verbs.kernels.correction import SQUARE, Correction, squared_distance, step
 from verbs.kernels.measure import GoalSpace
 from verbs.kernels.pose import NLERP, ROTATION_VECTOR, finish_rotation, multiply
-from verbs.kernels.radial_basis import BasisArrays
+from verbs.kernels.radial_basis import BasisArrays, cardinal
 
 __all__ = [
     "Blended",
@@ -152,10 +152,15 @@ def _lever(rotation: F64, x: float, y: float, z: float, rates: F64, out: F64) ->
 
 
 @kernel
-def _effector(weights: F64, chain: Chain, scratch: ChainScratch, point: F64) -> None:
-    """Effector position (3,) of weights (N,), and what its Jacobian needs, to ``scratch``."""
-    roots, rows, references, offsets = chain.roots, chain.rows, chain.references, chain.offsets
-    global_rotations, rotations, joints = scratch.global_rotations, scratch.rotations, scratch.joints
+def _effector(
+    weights: F64, mode: int, roots: F64, rows: F64, references: F64, offsets: F64,
+    global_rotations: F64, rotations: F64, joints: F64, point: F64,
+) -> None:  # fmt: skip
+    """Effector position (3,) of weights (N,), and what its Jacobian needs.
+
+    Arrays as in :class:`Chain` and :class:`ChainScratch`. They come one by one: to pass a bundle costs two atomic
+    operations for each array in it, in every step of every row.
+    """
     count = weights.shape[0]
     for a in range(3):
         total = 0.0
@@ -172,11 +177,11 @@ def _effector(weights: F64, chain: Chain, scratch: ChainScratch, point: F64) -> 
             rotations[j, a] = total
         x, y, z, w = rotations[j, 0], rotations[j, 1], rotations[j, 2], rotations[j, 3]
         length = np.sqrt(x * x + y * y + z * z + w * w)
-        if chain.mode == NLERP and length >= 0.3:
+        if mode == NLERP and length >= 0.3:
             x, y, z, w = x / length, y / length, z / length, w / length
             rotations[j, 0], rotations[j, 1], rotations[j, 2], rotations[j, 3] = x, y, z, w
         else:
-            length = max(finish_rotation(chain.mode, references[j], rotations[j]), 0.3)
+            length = max(finish_rotation(mode, references[j], rotations[j]), 0.3)
             x, y, z, w = rotations[j, 0], rotations[j, 1], rotations[j, 2], rotations[j, 3]
         joints[j, 0], joints[j, 1], joints[j, 2], joints[j, 3] = point[0], point[1], point[2], length
         gx, gy, gz, gw = (
@@ -194,17 +199,19 @@ def _effector(weights: F64, chain: Chain, scratch: ChainScratch, point: F64) -> 
 
 
 @kernel
-def _jacobian(chain: Chain, scratch: ChainScratch, point: F64, jacobian: F64) -> None:
+def _jacobian(
+    mode: int, roots: F64, rows: F64, references: F64,
+    global_rotations: F64, rotations: F64, joints: F64, rates: F64, point: F64, jacobian: F64,
+) -> None:  # fmt: skip
     """Jacobian (3, N) of the position that :func:`_effector` computed last."""
-    roots, rows, rates, joints = chain.roots, chain.rows, scratch.rates, scratch.joints
     count = jacobian.shape[1]
     for a in range(3):
         for i in range(count):
             jacobian[a, i] = roots[a, i]
-    for j in range(chain.references.shape[0]):
-        _rotation_rates(chain.mode, chain.references[j], scratch.rotations[j], joints[j, 3], rates[0])
+    for j in range(references.shape[0]):
+        _rotation_rates(mode, references[j], rotations[j], joints[j, 3], rates[0])
         x, y, z = point[0] - joints[j, 0], point[1] - joints[j, 1], point[2] - joints[j, 2]
-        _lever(scratch.global_rotations[j], x, y, z, rates[0], rates[1])
+        _lever(global_rotations[j], x, y, z, rates[0], rates[1])
         for a in range(3):
             p, q, r, s = rates[1, a, 0], rates[1, a, 1], rates[1, a, 2], rates[1, a, 3]
             for i in range(count):
@@ -216,8 +223,10 @@ def _jacobian(chain: Chain, scratch: ChainScratch, point: F64, jacobian: F64) ->
 @kernel
 def position_jacobian(weights: F64, chain: Chain, scratch: ChainScratch, point: F64, jacobian: F64) -> None:
     """Effector position (3,) of weights (N,), and its Jacobian (3, N) in them."""
-    _effector(weights, chain, scratch, point)
-    _jacobian(chain, scratch, point, jacobian)
+    mode, roots, rows, references, offsets = chain
+    global_rotations, rotations, joints, rates = scratch
+    _effector(weights, mode, roots, rows, references, offsets, global_rotations, rotations, joints, point)
+    _jacobian(mode, roots, rows, references, global_rotations, rotations, joints, rates, point, jacobian)
 
 
 @kernel
@@ -227,16 +236,18 @@ def correct_positions(weights: F64, goals: F64, correction: Correction, chain: C
     Positions come first, as no Jacobian is needed where the goal is met. A short step leaves at most :data:`SQUARE`
     times the square of the distance, so that its result needs no check.
     """
+    mode, roots, rows, references, offsets = chain
+    fixed, scale, saturation, damping, stop, steps = correction
     point, jacobian = np.empty(3), np.empty((3, weights.shape[1]))
-    scratch, stop = chain_scratch(chain.references.shape[0]), correction.stop
+    global_rotations, rotations, joints, rates = chain_scratch(references.shape[0])
     for b in range(weights.shape[0]):
-        for _ in range(correction.steps):
-            _effector(weights[b], chain, scratch, point)
-            squared = distance_to(goals[b], point, correction)
+        for _ in range(steps):
+            _effector(weights[b], mode, roots, rows, references, offsets, global_rotations, rotations, joints, point)
+            squared = squared_distance(goals[b], point, scale)
             if squared < stop * stop:
                 break
-            _jacobian(chain, scratch, point, jacobian)
-            step(weights[b], goals[b], point, jacobian, correction)
+            _jacobian(mode, roots, rows, references, global_rotations, rotations, joints, rates, point, jacobian)
+            step(weights[b], goals[b], point, jacobian, fixed, scale, (saturation, damping, stop))
             if SQUARE * squared < stop:
                 break
 
@@ -244,17 +255,18 @@ def correct_positions(weights: F64, goals: F64, correction: Correction, chain: C
 @kernel
 def effector_positions(weights: F64, chain: Chain, out: F64) -> None:
     """Effector positions (B, 3) of weights (B, N)."""
-    scratch = chain_scratch(chain.references.shape[0])
+    mode, roots, rows, references, offsets = chain
+    global_rotations, rotations, joints, _ = chain_scratch(references.shape[0])
     for b in range(weights.shape[0]):
-        _effector(weights[b], chain, scratch, out[b])
+        _effector(weights[b], mode, roots, rows, references, offsets, global_rotations, rotations, joints, out[b])
 
 
 @kernel
 def corrected_position(adverbs: F64, problem: PositionProblem, out: Blended) -> None:
     """Method ``corrected`` in one compiled call: weights at adverbs (B, D), measured adverbs and error, to ``out``."""
     inside, points = np.empty_like(adverbs), np.empty((adverbs.shape[0], 3))
-    weights.clamp(adverbs, problem.domain, inside, out.moved)
-    weights.cardinal(inside, problem.basis, out.weights)
+    clamp(adverbs, problem.domain, inside, out.moved)
+    cardinal(inside, problem.basis, out.weights)
     measure.goals(problem.space, inside, points)
     correct_positions(out.weights, points, problem.correction, problem.chain)
     effector_positions(out.weights, problem.chain, points)

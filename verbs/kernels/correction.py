@@ -18,7 +18,7 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.kernels.compile import kernel
 
-__all__ = ["SQUARE", "Correction", "correct_jumps", "distance_to", "jump_jacobian", "step"]
+__all__ = ["SQUARE", "Correction", "correct_jumps", "jump_jacobian", "squared_distance", "step"]
 
 SQUARE = 100.0
 """A step of full length leaves at most this many times the square of the distance (1/m); 1 to 20 were measured."""
@@ -52,18 +52,23 @@ class Correction(NamedTuple):
 
 
 @kernel
-def step(weights: F64, goal: F64, point: F64, jacobian: F64, correction: Correction) -> float:
+def step(
+    weights: F64, goal: F64, point: F64, jacobian: F64, fixed: F64, scale: F64, limits: tuple[float, float, float]
+) -> float:
     """Move weights (N,) one step from ``point`` (3,) toward ``goal`` (3,), in place; return the scaled distance.
 
-    ``jacobian`` (3, N), the derivative of the point in the weights, is overwritten.
+    ``jacobian`` (3, N), the derivative of the point in the weights, is overwritten. ``limits`` are saturation, damping
+    and stop; see :class:`Correction`, whose arrays come one by one here: to pass them bundled costs two atomic
+    operations for each, in every step.
     """
-    count, fixed, scale = weights.shape[0], correction.fixed, correction.scale
+    count = weights.shape[0]
+    saturation, damping, stop = limits
     x, y, z = scale[0] * (goal[0] - point[0]), scale[1] * (goal[1] - point[1]), scale[2] * (goal[2] - point[2])
     squared = x * x + y * y + z * z
     distance = np.sqrt(squared)
-    if distance < correction.stop:
+    if distance < stop:
         return distance
-    shrink = 1.0 / np.sqrt(1.0 + squared / (correction.saturation * correction.saturation))
+    shrink = 1.0 / np.sqrt(1.0 + squared / (saturation * saturation))
     for a in range(3):
         for i in range(count):
             jacobian[a, i] *= scale[a]
@@ -73,7 +78,7 @@ def step(weights: F64, goal: F64, point: F64, jacobian: F64, correction: Correct
                 share += jacobian[a, i] * fixed[s, i]
             for i in range(count):
                 jacobian[a, i] -= share * fixed[s, i]
-    xx, xy, xz, yy, yz, zz = correction.damping, 0.0, 0.0, correction.damping, 0.0, correction.damping
+    xx, xy, xz, yy, yz, zz = damping, 0.0, 0.0, damping, 0.0, damping
     for i in range(count):
         jx, jy, jz = jacobian[0, i], jacobian[1, i], jacobian[2, i]
         xx += jx * jx
@@ -100,11 +105,11 @@ def step(weights: F64, goal: F64, point: F64, jacobian: F64, correction: Correct
 
 
 @kernel
-def distance_to(goal: F64, point: F64, correction: Correction) -> float:
-    """Scaled distance between a point (3,) and a goal (3,), squared."""
+def squared_distance(goal: F64, point: F64, scale: F64) -> float:
+    """Square of the scaled distance between a point (3,) and a goal (3,)."""
     squared = 0.0
     for a in range(3):
-        squared += (correction.scale[a] * (goal[a] - point[a])) ** 2
+        squared += (scale[a] * (goal[a] - point[a])) ** 2
     return squared
 
 
@@ -123,9 +128,10 @@ def jump_jacobian(weights: F64, roots: F64, point: F64, jacobian: F64) -> None:
 @kernel
 def correct_jumps(weights: F64, goals: F64, correction: Correction, roots: F64) -> None:
     """Correct weights (B, N) in place until jumps have the displacement and rise of goals (B, 3)."""
+    fixed, scale, saturation, damping, stop, steps = correction
     point, jacobian = np.empty(3), np.empty((3, weights.shape[1]))
     for b in range(weights.shape[0]):
-        for _ in range(correction.steps):
+        for _ in range(steps):
             jump_jacobian(weights[b], roots, point, jacobian)
-            if step(weights[b], goals[b], point, jacobian, correction) < correction.stop:
+            if step(weights[b], goals[b], point, jacobian, fixed, scale, (saturation, damping, stop)) < stop:
                 break

@@ -82,9 +82,10 @@ def root_velocities(weights: F64, cycle: Cycle, out: F64) -> None:
 
     Each step is rotated into the frame that turns at the cycle's mean rate, then averaged over the cycle.
     """
-    scratch = root_velocity.scratch(cycle)
+    rows, turns, (phases, log_lengths, _) = cycle
+    times, full, steps, _, _ = root_velocity.scratch(cycle)
     for b in range(weights.shape[0]):
-        root_velocity.mean_speeds(weights[b], cycle, scratch, out[b])
+        root_velocity.mean_speeds(weights[b], rows, turns, phases, log_lengths, times, full, steps, out[b])
 
 
 @kernel
@@ -93,24 +94,24 @@ def goals(space: GoalSpace, adverbs: F64, out: F64) -> None:
 
     A position is ``origin`` + ``frame`` · measured adverbs; for the others the diagonal of ``frame`` holds SI per unit.
     """
-    axes = space.axes
+    kind, axes, origin, frame = space.kind, space.axes, space.origin, space.frame
     for b in range(adverbs.shape[0]):
         row, goal = adverbs[b], out[b]
-        if space.kind == POSITION:
+        if kind == POSITION:
             for a in range(3):
-                goal[a] = space.origin[a]
+                goal[a] = origin[a]
                 for m in range(axes.shape[0]):
-                    goal[a] += space.frame[a, m] * row[axes[m]]
-        elif space.kind == JUMP:
-            distance, direction = space.frame[0, 0] * row[axes[0]], space.frame[1, 1] * row[axes[1]]
+                    goal[a] += frame[a, m] * row[axes[m]]
+        elif kind == JUMP:
+            distance, direction = frame[0, 0] * row[axes[0]], frame[1, 1] * row[axes[1]]
             goal[0], goal[1], goal[2] = (
                 distance * np.sin(direction),
                 distance * np.cos(direction),
-                space.frame[2, 2] * row[axes[2]],
+                frame[2, 2] * row[axes[2]],
             )
-        elif space.kind == VELOCITY:
+        elif kind == VELOCITY:
             for a in range(3):
-                goal[a] = space.frame[a, a] * row[axes[a]]
+                goal[a] = frame[a, a] * row[axes[a]]
         else:
             goal[:] = 0.0
 
@@ -118,22 +119,22 @@ def goals(space: GoalSpace, adverbs: F64, out: F64) -> None:
 @kernel
 def compare(space: GoalSpace, adverbs: F64, points: F64, measured: F64, error: F64) -> None:
     """Measured adverbs (B, m), in their units, of points (B, 3), and the distance (B,), in SI, of points and goals."""
-    goal = np.empty((1, 3))
+    kind, origin, inverse, requested = space.kind, space.origin, space.inverse, np.empty((adverbs.shape[0], 3))
+    goals(space, adverbs, requested)
     for b in range(adverbs.shape[0]):
-        goals(space, adverbs[b : b + 1], goal)
         total = 0.0
         for a in range(3):
-            total += (points[b, a] - goal[0, a]) ** 2
+            total += (points[b, a] - requested[b, a]) ** 2
         error[b] = np.sqrt(total)
-        if space.kind == POSITION:
-            for m in range(space.axes.shape[0]):
+        if kind == POSITION:
+            for m in range(inverse.shape[0]):
                 measured[b, m] = 0.0
                 for a in range(3):
-                    measured[b, m] += space.inverse[m, a] * (points[b, a] - space.origin[a])
-        elif space.kind == JUMP:
-            measured[b, 0] = space.inverse[0, 0] * np.sqrt(points[b, 0] ** 2 + points[b, 1] ** 2)
-            measured[b, 1] = space.inverse[1, 1] * np.arctan2(points[b, 0], points[b, 1])
-            measured[b, 2] = space.inverse[2, 2] * points[b, 2]
+                    measured[b, m] += inverse[m, a] * (points[b, a] - origin[a])
+        elif kind == JUMP:
+            measured[b, 0] = inverse[0, 0] * np.sqrt(points[b, 0] ** 2 + points[b, 1] ** 2)
+            measured[b, 1] = inverse[1, 1] * np.arctan2(points[b, 0], points[b, 1])
+            measured[b, 2] = inverse[2, 2] * points[b, 2]
         else:
             for a in range(3):
-                measured[b, a] = space.inverse[a, a] * points[b, a]
+                measured[b, a] = inverse[a, a] * points[b, a]

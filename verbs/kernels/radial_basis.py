@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from verbs.conventions import F64
-from verbs.kernels.chart import ChartArrays
+from verbs.kernels.chart import ChartArrays, normalise
 from verbs.kernels.compile import kernel
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "THIN_PLATE",
     "WENDLAND",
     "BasisArrays",
+    "cardinal",
     "evaluate",
     "features",
     "phi",
@@ -170,20 +171,41 @@ def polynomial_matrix(points: F64, degree: int) -> F64:
 
 
 @kernel
-def evaluate(point: F64, basis: BasisArrays, row: F64, out: F64) -> None:
-    """Weights (N,) of a basis at one ``point`` (D,) in normalised chart coordinates; ``row`` (L,) is scratch."""
-    radial, poly = basis.radial, basis.poly
-    count = features(point, basis.degree, row)
+def evaluate(points: F64, basis: BasisArrays, out: F64) -> None:
+    """Weights (B, N) of a basis at points (B, D) in normalised chart coordinates, written to ``out``."""
+    function, degree, centers, radii = basis.radial_basis, basis.degree, basis.centers, basis.radii
+    radial, poly, row = basis.radial, basis.poly, np.empty(basis.poly.shape[0])
+    for b in range(points.shape[0]):
+        _evaluate_at(points[b], function, degree, centers, radii, radial, poly, row, out[b])
+
+
+@kernel
+def _evaluate_at(
+    point: F64, function: int, degree: int, centers: F64, radii: F64, radial: F64, poly: F64, row: F64, out: F64
+) -> None:
+    """Weights (N,) at one point (D,); arrays as in :class:`BasisArrays`, ``row`` (L,) is scratch.
+
+    Here arrays come one by one: to pass a bundle costs two atomic operations for each array in it, for every point.
+    """
+    count = features(point, degree, row)
     for i in range(out.shape[0]):
         out[i] = 0.0
     for f in range(count):
         for i in range(out.shape[0]):
             out[i] += row[f] * poly[f, i]
-    for c in range(basis.centers.shape[0]):
+    for c in range(centers.shape[0]):
         squared = 0.0
         for a in range(point.shape[0]):
-            squared += (point[a] - basis.centers[c, a]) ** 2
-        value = phi(basis.radial_basis, np.sqrt(squared) / basis.radii[c])
+            squared += (point[a] - centers[c, a]) ** 2
+        value = phi(function, np.sqrt(squared) / radii[c])
         if value != 0.0:
             for i in range(out.shape[0]):
                 out[i] += value * radial[c, i]
+
+
+@kernel
+def cardinal(adverbs: F64, basis: BasisArrays, out: F64) -> None:
+    """Weights (B, N) of a basis at adverbs (B, D), written to ``out``."""
+    points = np.empty_like(adverbs)
+    normalise(adverbs, basis.chart, points)
+    evaluate(points, basis, out)

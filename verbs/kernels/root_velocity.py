@@ -187,13 +187,18 @@ def _rotate(steps: F64) -> tuple[float, float]:
 
 
 @kernel
-def mean_speeds(weights: F64, cycle: Cycle, scratch: Scratch, point: F64) -> None:
-    """Forward speed (m/s), turn rate (rad/s), sideways speed (m/s) of weights (N,) over a cycle, to ``point`` (3,)."""
-    rows, full, times, steps = cycle.rows, scratch.full, scratch.times, scratch.steps
-    count, last = weights.shape[0], cycle.clock.phases.shape[0] - 1
-    duration, total = warp(weights, cycle.clock, times[0], times[1]), 0.0
+def mean_speeds(
+    weights: F64, rows: F64, turns: F64, phases: F64, log_lengths: F64, times: F64, full: F64, steps: F64, point: F64
+) -> None:
+    """Forward speed (m/s), turn rate (rad/s), sideways speed (m/s) of weights (N,) over a cycle, to ``point`` (3,).
+
+    Arrays as in :class:`Cycle` and :class:`Scratch`. They come one by one: to pass a bundle costs two atomic
+    operations for each array in it, in every step of every row.
+    """
+    count, last = weights.shape[0], phases.shape[0] - 1
+    duration, total = warp(weights, phases, log_lengths, True, times[0], times[1]), 0.0
     for i in range(count):
-        total += weights[i] * cycle.turns[i]
+        total += weights[i] * turns[i]
         full[i] = weights[i]
     rate = total / duration
     for m in range(last):
@@ -271,18 +276,18 @@ def _pace(walk: F64, first: int, times: F64, steps: F64, shares: F64) -> None:
 
 
 @kernel
-def speed_derivatives(cycle: Cycle, scratch: Scratch, point: F64) -> None:
-    """Jacobian (3, G) of :func:`mean_speeds` at its last weights, whose result is ``point`` (3,), to ``scratch``.
+def speed_derivatives(
+    rows: F64, turns: F64, phases: F64, log_lengths: F64, times: F64, steps: F64, point: F64, shares: F64, jacobian: F64
+) -> None:
+    """Jacobian (3, G) of :func:`mean_speeds` at its last weights, whose result is ``point`` (3,).
 
     ∂angle/∂w_i is the heading's row, less what the frame turns further by ∂rate/∂w_i and by the growth of time; the
     latter two are sums over the steps, chained to the examples last.
     """
-    times, shares, jacobian = scratch.times, scratch.shares, scratch.jacobian
-    turns, log_lengths = cycle.turns, cycle.clock.log_lengths
-    count, last = turns.shape[0], times.shape[1] - 1
-    _slope_shares(cycle.clock.phases, times, shares)
-    _gather(cycle.rows, scratch.steps, jacobian)
-    _pace(cycle.rows, 2 * jacobian.shape[1] + count, times, scratch.steps, shares)
+    count, last = turns.shape[0], phases.shape[0] - 1
+    _slope_shares(phases, times, shares)
+    _gather(rows, steps, jacobian)
+    _pace(rows, 2 * jacobian.shape[1] + count, times, steps, shares)
     per_s = 1.0 / times[0, last]
     forward, rate, sideways = point[0], point[1], point[2]
     for i in range(count):

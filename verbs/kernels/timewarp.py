@@ -155,8 +155,8 @@ def blend_keytimes(weights: F64, log_lengths: F64, out: F64) -> None:
 
 
 @kernel
-def warp(weights: F64, clock: Clock, keytimes: F64, tangents: F64) -> float:
+def warp(weights: F64, phases: F64, log_lengths: F64, looping: bool, keytimes: F64, tangents: F64) -> float:
     """Keytimes (M,) and tangents (M,) of weights (N,), as :func:`time_at` takes them; return the duration (s)."""
-    blend_keytimes(weights, clock.log_lengths, keytimes)
-    slopes(clock.phases, keytimes, clock.looping, tangents)
+    blend_keytimes(weights, log_lengths, keytimes)
+    slopes(phases, keytimes, looping, tangents)
     return keytimes[keytimes.shape[0] - 1]

@@ -54,12 +54,13 @@ def resolve(weights: F64, clock: Clock, at: F64, given_time: bool, out: Instants
     out : Instants
         Written.
     """
-    phases = clock.phases
+    phases, log_lengths, looping = clock
+    phase, time_s, duration_s, rate = out
     keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     for b in range(weights.shape[0]):
-        duration = timewarp.warp(weights[b], clock, keytimes, tangents)
+        duration = timewarp.warp(weights[b], phases, log_lengths, looping, keytimes, tangents)
         whole = duration if given_time else 1.0
-        cycles = np.floor(at[b] / whole) if clock.looping else 0.0
+        cycles = np.floor(at[b] / whole) if looping else 0.0
         rest = min(max(at[b] - cycles * whole, 0.0), whole)
         if given_time:
             local = timewarp.phase_at(phases, keytimes, tangents, rest)
@@ -67,8 +68,8 @@ def resolve(weights: F64, clock: Clock, at: F64, given_time: bool, out: Instants
         else:
             local = rest
             seconds = timewarp.time_at(phases, keytimes, tangents, rest)
-        out.phase[b], out.time_s[b], out.duration_s[b] = local + cycles, seconds + cycles * duration, duration
-        out.rate[b] = timewarp.rate_at(phases, keytimes, tangents, local)
+        phase[b], time_s[b], duration_s[b] = local + cycles, seconds + cycles * duration, duration
+        rate[b] = timewarp.rate_at(phases, keytimes, tangents, local)
 
 
 @kernel

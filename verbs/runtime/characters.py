@@ -18,11 +18,14 @@ from verbs.kernels import character_state, inertialization
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
 from verbs.kernels.character_state import PROGRESS, FollowProblem, Records
+from verbs.kernels.compile import direct
 from verbs.runtime import transition
 from verbs.runtime.character_pool import CharacterPool, Frames
 from verbs.runtime.evaluate import Blend, Evaluator
 
 __all__ = ["HALF_LIFE_S", "MAX_SPEED", "MAX_TRANSITION_S", "RESTART_S", "VERSION_S", "Characters", "Frames"]
+
+_advance, _follow = direct(character_state.advance), direct(character_state.follow)
 
 HALF_LIFE_S = 0.1
 MAX_SPEED = 10.0
@@ -177,6 +180,7 @@ class Characters(CharacterPool):
 
     def step(self, slots: I64, step_s: float) -> Frames:
         """The next frame of the characters in ``slots`` (B,), each at most once, ``step_s`` > 0 seconds on."""
+        slots = np.ascontiguousarray(slots, np.int64)
         size = len(slots)
         adverbs, blend = self._blend(slots, step_s)
         progress = np.empty(size, PROGRESS)
@@ -358,7 +362,7 @@ class Characters(CharacterPool):
         return last
 
     def _advance(self, slots: I64, step_s: float, state: Records, weights: F64, progress: Records) -> None:
-        character_state.advance(slots, step_s, state, weights, self.evaluator.goal.clock, progress)
+        _advance(slots, step_s, state, weights, self.evaluator.goal.clock, progress)
 
     def _pose(
         self, slots: I64, step_s: float, displayed: tuple[Records, F64, F64], weights: F64, progress: Records
@@ -378,7 +382,7 @@ class Characters(CharacterPool):
         goal, inside = self.evaluator.goal, self.evaluator.clamp(adverbs)[0]
         targets = goal.points(inside), goal.points(adverbs)
         assert self._following is not None  # else no character follows
-        character_state.follow(slots, step_s, state, targets, blend.weights, blend.error, self._following)
+        _follow(slots, step_s, state, targets, blend.weights, blend.error, self._following)
 
 
 def _follow_problem(method: Corrected, window: tuple[float, float]) -> FollowProblem:

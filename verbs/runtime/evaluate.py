@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,16 +15,18 @@ from verbs.blend.corrected import Corrected
 from verbs.conventions import F64, MAX_MAGNITUDE
 from verbs.errors import OutOfRange, RequestError, UnknownName, VerbError
 from verbs.goal import Goal
+from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as kernels
 from verbs.kernels import timing
-from verbs.kernels import weights as weighting
-from verbs.kernels.compile import entry_point
+from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import Blended, PositionProblem, corrected_position
 from verbs.runtime.follow import follow_window
 from verbs.verb import Verb
 
 __all__ = ["Blend", "Evaluator", "Poses"]
+
+_clamp, _resolve, _corrected_position = direct(charts.clamp), direct(timing.resolve), direct(corrected_position)
 
 MAX_CYCLES = 1_000.0
 """Farthest that a looping motion may be asked for, in cycles."""
@@ -105,8 +106,6 @@ class Evaluator:
         self._names = [adverb.name for adverb in verb.adverbs]
         self._shape = (len(verb.examples), len(verb.measure.axes))
         self._problem: PositionProblem | None = None
-        self._corrected: Callable[..., Any] | None = None
-        self._resolve: Callable[..., Any] | None = None
         self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
         self.follow_window = lru_cache(maxsize=1)(self._follow_window)
 
@@ -179,11 +178,10 @@ class Evaluator:
         """The fast path: :meth:`blend` for the default of most verbs, in one compiled call."""
         size, shape = len(adverbs), self._shape
         out = Blended(np.empty((size, shape[0])), np.empty((size, shape[1])), np.empty(size), np.empty(size))
-        if self._problem is None or self._corrected is None:
+        if self._problem is None:
             goal, basis, domain = self.goal, method.basis.arrays, self.verb.domain.arrays
             self._problem = PositionProblem(domain, basis, method.correction, goal.chain, goal.space)
-            self._corrected = entry_point(corrected_position, np.empty_like(adverbs), self._problem, out)
-        self._corrected(adverbs, self._problem, out)
+        _corrected_position(adverbs, self._problem, out)
         return Blend("corrected", out.weights, out.measured, out.error, out.moved > 0)
 
     def measure(self, method: str, weights: F64, adverbs: F64, clamped: npt.NDArray[np.bool_]) -> Blend:
@@ -196,7 +194,7 @@ class Evaluator:
     def clamp(self, adverbs: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
         """Adverbs (B, D) drawn back to the domain's surroundings, and where that moved them (B,)."""
         out, moved = np.empty_like(adverbs), np.empty(len(adverbs))
-        weighting.clamp(adverbs, self.verb.domain.arrays, out, moved)
+        _clamp(adverbs, self.verb.domain.arrays, out, moved)
         return out, moved > 0
 
     def pose(
@@ -243,10 +241,7 @@ class Evaluator:
         if len(at) != size:
             at = np.ascontiguousarray(np.broadcast_to(at, size))
         found = timing.instants(size)
-        if self._resolve is None:
-            like = np.empty_like(weights), self.goal.clock, np.empty_like(at), False, found
-            self._resolve = entry_point(timing.resolve, *like)
-        self._resolve(weights, self.goal.clock, at, time_s is not None, found)
+        _resolve(weights, self.goal.clock, at, time_s is not None, found)
         phases = found.phase
         root, rotations = np.empty((size, 3)), np.empty((size, len(verb.skeleton), 4))
         local = phases % 1.0 if verb.looping else phases

@@ -212,17 +212,17 @@ def _placed(evaluator: Evaluator, blend: Blend, phases: F64, at: F64) -> Poses:
 @kernel
 def _advance(weights: F64, clock: Clock, step_s: float, start: float, end: float, out: F64) -> int:
     """Phases (B,) after each of B steps, each at its own weights (B, N); return how many do not pass ``end``."""
-    phases = clock.phases
+    phases, log_lengths, looping = clock
     keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     at = start
     for b in range(weights.shape[0]):
-        duration = timewarp.warp(weights[b], clock, keytimes, tangents)
-        cycle = np.floor(at) if clock.looping else 0.0
+        duration = timewarp.warp(weights[b], phases, log_lengths, looping, keytimes, tangents)
+        cycle = np.floor(at) if looping else 0.0
         seconds = timewarp.time_at(phases, keytimes, tangents, at - cycle) + step_s
-        if clock.looping:
+        if looping:
             cycle += np.floor(seconds / duration)
             seconds -= np.floor(seconds / duration) * duration
-        past = 0.0 if clock.looping else seconds - duration
+        past = 0.0 if looping else seconds - duration
         if past > _SLACK * step_s:
             return b
         at = cycle + timewarp.phase_at(phases, keytimes, tangents, min(seconds, duration))

@@ -5,8 +5,7 @@ import pytest
 
 from verbs.kernels import center_lists, radial_basis
 from verbs.kernels.chart import ChartArrays
-from verbs.kernels.radial_basis import BasisArrays
-from verbs.kernels.weights import cardinal
+from verbs.kernels.radial_basis import BasisArrays, cardinal
 
 
 def basis_of(centers, radii, radial, poly, function: int = radial_basis.BSPLINE) -> BasisArrays:

@@ -49,7 +49,7 @@ def test_the_clamp_leaves_the_hull_alone(domain):
     mixes = np.random.default_rng(2).dirichlet(np.full(30, 0.2), 500) @ hull.chart.points(values)
     for point in (*mixes, *hull.chart.points(values)):
         moved = point.copy()
-        assert not chart.clamp(moved, hull.arrays)
+        assert not chart.clamp_point(moved, hull.facets, hull.middle, hull.sharpness)
         np.testing.assert_array_equal(moved, point)
 
 
@@ -59,7 +59,7 @@ def test_the_clamp_bounds_and_does_not_jump(domain):
         before = None
         for far in np.linspace(0.5, 40.0, 400):
             point = hull.middle + far * direction / np.linalg.norm(direction)
-            chart.clamp(point, hull.arrays)
+            chart.clamp_point(point, hull.facets, hull.middle, hull.sharpness)
             assert chart.gauge(point, hull.facets, hull.middle, hull.sharpness) <= chart.LAST_GAUGE + 1e-9
             if before is not None:
                 assert np.linalg.norm(point - before) < 40.0 / 400 + 1e-9

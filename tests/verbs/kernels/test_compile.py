@@ -15,7 +15,7 @@ from numba.core import caching, types
 from numba.core.dispatcher import Dispatcher
 
 from verbs.kernels import compile as compiling
-from verbs.kernels.compile import digest, entry_point, kernel
+from verbs.kernels.compile import digest, direct, entry_point, kernel
 
 HELPERS = """
 from typing import NamedTuple
@@ -184,13 +184,17 @@ def product(bundle, out):
 
 def test_the_entry_point_gives_what_the_kernel_gives():
     """Fails when Numba's ``Dispatcher.compile`` no longer returns the compiled function."""
-    bundle, out, direct = Bundle(np.array([3.0]), 2.0), np.zeros(1), np.zeros(1)
-    entry = entry_point(product, bundle, direct)
+    bundle, out, written = Bundle(np.array([3.0]), 2.0), np.zeros(1), np.zeros(1)
+    entry = entry_point(product, bundle, written)
     assert entry is product.overloads[next(iter(product.overloads))].entry_point
-    assert entry(bundle, direct) is None
+    assert entry(bundle, written) is None
     product(bundle, out)
-    assert direct[0] == out[0] == 6.0
-    assert len(product.overloads) == 1  # both ways run the same code
+    assert written[0] == out[0] == 6.0
+    call = direct(product)
+    call(bundle, written)
+    call(Bundle(np.array([4.0]), 2.0), written)
+    assert written[0] == 8.0
+    assert len(product.overloads) == 1  # all ways run the same code
 
 
 def test_the_private_parts_of_numba_are_where_they_were():

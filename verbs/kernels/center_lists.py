@@ -17,7 +17,7 @@ import numpy as np
 
 from verbs.conventions import F64, I64
 from verbs.kernels import radial_basis
-from verbs.kernels.chart import normalise
+from verbs.kernels.chart import to_chart
 from verbs.kernels.compile import kernel
 from verbs.kernels.radial_basis import SUPPORT, BasisArrays
 
@@ -195,10 +195,12 @@ def cardinal(adverbs: F64, basis: BasisArrays, grid: Grid, out: F64) -> None:
     radial, poly, row = basis.radial, basis.poly, np.empty(basis.poly.shape[0])
     axes, low, inverse, shape, starts, members = grid
     found, squares = np.empty(centers.shape[0], np.int64), np.empty(centers.shape[0])
-    points = np.empty_like(adverbs)
-    normalise(adverbs, basis.chart, points)
-    for b in range(points.shape[0]):
-        point = points[b]
+    kind, bent, bend, shift, scale = basis.chart
+    point = np.empty(adverbs.shape[1])
+    for b in range(adverbs.shape[0]):
+        to_chart(kind, bent, bend, adverbs[b], point)
+        for a in range(point.shape[0]):
+            point[a] = (point[a] - shift[a]) * scale[a]
         _polynomial(point, degree, poly, row, out[b])
         cell = _cell(point, axes, low, inverse, shape)
         candidates = members[starts[cell] : starts[cell + 1]] if cell >= 0 else np.arange(centers.shape[0])

@@ -31,8 +31,10 @@ __all__ = [
     "clamp",
     "clamp_point",
     "denormalise",
+    "from_chart",
     "gauge",
     "normalise",
+    "to_chart",
 ]
 
 IDENTITY, CYLINDER, PLANAR = range(3)
@@ -80,7 +82,7 @@ class DomainArrays(NamedTuple):
 
 
 @kernel
-def _to_chart(kind: int, axes: I64, bend: F64, adverbs: F64, out: F64) -> None:
+def to_chart(kind: int, axes: I64, bend: F64, adverbs: F64, out: F64) -> None:
     """Chart coordinates (D,) of adverbs (D,)."""
     for a in range(adverbs.shape[0]):
         out[a] = adverbs[a]
@@ -95,8 +97,8 @@ def _to_chart(kind: int, axes: I64, bend: F64, adverbs: F64, out: F64) -> None:
 
 
 @kernel
-def _from_chart(kind: int, axes: I64, bend: F64, coordinates: F64, out: F64) -> None:
-    """Adverbs (D,) of chart coordinates (D,): the inverse of :func:`_to_chart`."""
+def from_chart(kind: int, axes: I64, bend: F64, coordinates: F64, out: F64) -> None:
+    """Adverbs (D,) of chart coordinates (D,): the inverse of :func:`to_chart`."""
     for a in range(coordinates.shape[0]):
         out[a] = coordinates[a]
     if kind == CYLINDER:
@@ -114,7 +116,7 @@ def normalise(adverbs: F64, chart: ChartArrays, out: F64) -> None:
     """Normalised chart coordinates of adverbs (B, D), written to ``out`` (B, D)."""
     kind, axes, bend, shift, scale = chart
     for b in range(adverbs.shape[0]):
-        _to_chart(kind, axes, bend, adverbs[b], out[b])
+        to_chart(kind, axes, bend, adverbs[b], out[b])
         for a in range(adverbs.shape[1]):
             out[b, a] = (out[b, a] - shift[a]) * scale[a]
 
@@ -127,7 +129,7 @@ def denormalise(points: F64, chart: ChartArrays, out: F64) -> None:
     for b in range(points.shape[0]):
         for a in range(points.shape[1]):
             coordinates[a] = points[b, a] / scale[a] + shift[a]
-        _from_chart(kind, axes, bend, coordinates, out[b])
+        from_chart(kind, axes, bend, coordinates, out[b])
 
 
 @kernel
@@ -179,7 +181,7 @@ def clamp(adverbs: F64, domain: DomainArrays, out: F64, moved: F64) -> None:
     kind, axes, bend, shift, scale = domain.chart
     point = np.empty(adverbs.shape[1])
     for b in range(adverbs.shape[0]):
-        _to_chart(kind, axes, bend, adverbs[b], point)
+        to_chart(kind, axes, bend, adverbs[b], point)
         for a in range(point.shape[0]):
             point[a] = (point[a] - shift[a]) * scale[a]
         out[b], moved[b] = adverbs[b], 0.0
@@ -187,4 +189,4 @@ def clamp(adverbs: F64, domain: DomainArrays, out: F64, moved: F64) -> None:
             moved[b] = 1.0
             for a in range(point.shape[0]):
                 point[a] = point[a] / scale[a] + shift[a]
-            _from_chart(kind, axes, bend, point, out[b])
+            from_chart(kind, axes, bend, point, out[b])

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from verbs.conventions import F64
-from verbs.kernels.chart import ChartArrays, normalise
+from verbs.kernels.chart import ChartArrays, to_chart
 from verbs.kernels.compile import kernel
 
 __all__ = [
@@ -205,7 +205,13 @@ def _evaluate_at(
 
 @kernel
 def cardinal(adverbs: F64, basis: BasisArrays, out: F64) -> None:
-    """Weights (B, N) of a basis at adverbs (B, D), written to ``out``."""
-    points = np.empty_like(adverbs)
-    normalise(adverbs, basis.chart, points)
-    evaluate(points, basis, out)
+    """Weights (B, N) of a basis at adverbs (B, D), written to ``out``; normalises and evaluates row by row."""
+    kind, axes, bend, shift, scale = basis.chart
+    function, degree, centers, radii = basis.radial_basis, basis.degree, basis.centers, basis.radii
+    radial, poly, row = basis.radial, basis.poly, np.empty(basis.poly.shape[0])
+    point = np.empty(adverbs.shape[1])
+    for b in range(adverbs.shape[0]):
+        to_chart(kind, axes, bend, adverbs[b], point)
+        for a in range(point.shape[0]):
+            point[a] = (point[a] - shift[a]) * scale[a]
+        _evaluate_at(point, function, degree, centers, radii, radial, poly, row, out[b])

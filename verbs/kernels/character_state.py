@@ -152,7 +152,9 @@ def advance(slots: I64, step_s: float, state: Records, weights: F64, clock: Cloc
     keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     for b in range(slots.shape[0]):
         row, end = state[slots[b]], progress[b]
-        duration = timewarp.warp(weights[b], phases, log_lengths, looping, keytimes, tangents)
+        timewarp.blend_keytimes(weights[b], log_lengths, keytimes)
+        timewarp.slopes(phases, keytimes, looping, tangents)
+        duration = keytimes[phases.shape[0] - 1]
         start = row["phase"]
         gone = 0.0 if row["fresh"] == 1.0 else row["playing"] * row["speed"] * step_s
         seconds = timewarp.time_at(phases, keytimes, tangents, start) + gone

@@ -18,7 +18,7 @@ import numpy as np
 
 from verbs.conventions import F64
 from verbs.kernels.compile import kernel
-from verbs.kernels.timewarp import Clock, warp
+from verbs.kernels.timewarp import Clock, blend_keytimes, slopes
 
 __all__ = ["Cycle", "Scratch", "cycle_of", "mean_speeds", "scratch", "speed_derivatives"]
 
@@ -196,7 +196,9 @@ def mean_speeds(
     operations for each array in it, in every step of every row.
     """
     count, last = weights.shape[0], phases.shape[0] - 1
-    duration, total = warp(weights, phases, log_lengths, True, times[0], times[1]), 0.0
+    blend_keytimes(weights, log_lengths, times[0])
+    slopes(phases, times[0], True, times[1])
+    duration, total = times[0, last], 0.0
     for i in range(count):
         total += weights[i] * turns[i]
         full[i] = weights[i]

@@ -17,7 +17,7 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.kernels.compile import kernel
 
-__all__ = ["Clock", "blend_keytimes", "phase_at", "rate_at", "slopes", "time_at", "warp"]
+__all__ = ["Clock", "blend_keytimes", "phase_at", "rate_at", "slopes", "time_at"]
 
 
 class Clock(NamedTuple):
@@ -152,11 +152,3 @@ def blend_keytimes(weights: F64, log_lengths: F64, out: F64) -> None:
         for i in range(weights.shape[0]):
             total += weights[i] * log_lengths[i, m]
         out[m + 1] = out[m] + np.exp(total)
-
-
-@kernel
-def warp(weights: F64, phases: F64, log_lengths: F64, looping: bool, keytimes: F64, tangents: F64) -> float:
-    """Keytimes (M,) and tangents (M,) of weights (N,), as :func:`time_at` takes them; return the duration (s)."""
-    blend_keytimes(weights, log_lengths, keytimes)
-    slopes(phases, keytimes, looping, tangents)
-    return keytimes[keytimes.shape[0] - 1]

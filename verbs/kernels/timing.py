@@ -58,7 +58,9 @@ def resolve(weights: F64, clock: Clock, at: F64, given_time: bool, out: Instants
     phase, time_s, duration_s, rate = out
     keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     for b in range(weights.shape[0]):
-        duration = timewarp.warp(weights[b], phases, log_lengths, looping, keytimes, tangents)
+        timewarp.blend_keytimes(weights[b], log_lengths, keytimes)
+        timewarp.slopes(phases, keytimes, looping, tangents)
+        duration = keytimes[phases.shape[0] - 1]
         whole = duration if given_time else 1.0
         cycles = np.floor(at[b] / whole) if looping else 0.0
         rest = min(max(at[b] - cycles * whole, 0.0), whole)

@@ -216,7 +216,9 @@ def _advance(weights: F64, clock: Clock, step_s: float, start: float, end: float
     keytimes, tangents = np.empty(phases.shape[0]), np.empty(phases.shape[0])
     at = start
     for b in range(weights.shape[0]):
-        duration = timewarp.warp(weights[b], phases, log_lengths, looping, keytimes, tangents)
+        timewarp.blend_keytimes(weights[b], log_lengths, keytimes)
+        timewarp.slopes(phases, keytimes, looping, tangents)
+        duration = keytimes[phases.shape[0] - 1]
         cycle = np.floor(at) if looping else 0.0
         seconds = timewarp.time_at(phases, keytimes, tangents, at - cycle) + step_s
         if looping:

@@ -27,7 +27,7 @@ _BENT = {charts.CYLINDER: ("angle", "height", "radius"), charts.PLANAR: ("left",
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """Adverbs (B, D) to measure at, and a sentence that says which they are."""
+    """Adverbs (B, D) to measure at, and a sentence that describes them."""
 
     adverbs: F64
     text: str
@@ -134,7 +134,7 @@ def slices(verb: Verb, nodes: int = 61) -> list[Slice]:
 
 
 def plane(verb: Verb, axes: tuple[int, int], fractions: list[float], nodes: int) -> Slice:
-    """Grid over the plane of two chart axes, the others held at fractions of their range."""
+    """Grid over the plane of two chart axes, the others fixed at fractions of their range."""
     low, high = bounds(verb)
     sides = (nodes, nodes if axes[0] != axes[1] else 1)
     points = np.broadcast_to(low + np.array(fractions) * (high - low), (*sides, len(low))).copy()
@@ -143,6 +143,6 @@ def plane(verb: Verb, axes: tuple[int, int], fractions: list[float], nodes: int)
         points[..., axes[1]] = np.linspace(low[axes[1]], high[axes[1]], nodes)[None]
     words = axis_names(verb)
     names = [words[a] for a in axes]
-    held = [f"{words[a]} at {fractions[a]:.0%}" for a in range(len(low)) if a not in axes]
-    text = " × ".join(dict.fromkeys(names)) + (f", {', '.join(held)}" if held else "")
+    fixed = [f"{words[a]} at {fractions[a]:.0%}" for a in range(len(low)) if a not in axes]
+    text = " × ".join(dict.fromkeys(names)) + (f", {', '.join(fixed)}" if fixed else "")
     return Slice(verb.domain.chart.adverbs(points), inside(verb.domain, points), text, axes)

@@ -19,7 +19,7 @@ from verbs.kernels.radial_basis import RADIAL_BASES, BasisArrays
 from verbs.skeleton import Skeleton
 
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,62}")
-"""What a verb may be called: it stands in addresses, file names and metric labels."""
+"""Names of verbs: they are parts of addresses, file names and metric labels."""
 
 
 _normalise, _denormalise = direct(charts.normalise), direct(charts.denormalise)
@@ -41,7 +41,7 @@ class Adverb:
     Parameters
     ----------
     name, unit, description : str
-        What it is called, what it is counted in, what it means.
+        Name, unit, and meaning.
     style : bool
         True where the motion cannot be measured for it ("tired"), False where it can (a wrist position).
     minimum, maximum : float
@@ -185,7 +185,7 @@ class Basis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measure:
-    """How to measure what a blend reached.
+    """How a blend is measured.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ class Verb:
         absolute = self.root_motion == poses.ABSOLUTE
         _check(
             measure.kind not in (measures.POSITION, measures.JUMP) or absolute,
-            "a place needs an absolute root",
+            "a position needs an absolute root",
         )
         _check(
             measure.kind != measures.VELOCITY or self.root_motion == poses.STRIDE,

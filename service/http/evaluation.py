@@ -59,8 +59,8 @@ async def pose(state: ServerState, entry: Entry, request: PoseRequest) -> Evalua
             evaluator, evaluator.adverbs(request.adverbs), request.max_error, method=request.method
         )
         found = evaluator.pose_of(met.blend, **instant)
-        if met.turns is not None:
-            found = error_bound.apply_polish(evaluator, found, met.turns)
+        if met.rotation_vectors is not None:
+            found = error_bound.apply_polish(evaluator, found, met.rotation_vectors)
         return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), met.tried)
 
     cost = 0.0

@@ -4,7 +4,7 @@ Source: Feng, Huang, Kallmann, Shapiro 2012, section 3. What the paper leaves op
 
 - *Facets*: neighbours give the same weights from both sides, because Delaunay simplices meet facet to facet. Where
   examples lie on one sphere (every grid does) the triangulation is ambiguous, and Qhull's own choice does not always
-  meet facet to facet; a tiny fixed perturbation of the lifted heights, a function of the place alone, decides it.
+  meet facet to facet; a tiny fixed perturbation of the lifted heights, a function of the position alone, decides it.
 - *Overlapping authored simplices*: the mean of all that contain the point, each counted by its least barycentric
   coordinate. That is 0 on its facets, so that none enters or leaves with a jump.
 - *Outside the hull, and in the gaps between authored simplices*: the nearest point of all simplices. Outside a convex
@@ -29,7 +29,7 @@ __all__ = ["Barycentric"]
 CHOICES = ("auto", "authored", "delaunay")
 
 FLAT = 1e-6
-"""A simplex thinner than this share of its length holds nothing and is left out."""
+"""A simplex thinner than this share of its length is flat and is omitted."""
 
 PERTURBATION = 1e-6
 """Largest change of a lifted height; examples closer than this to a common sphere count as lying on it."""
@@ -37,7 +37,7 @@ PERTURBATION = 1e-6
 MAX_SIMPLICES = 200_000
 
 _SIMPLICES_PER_EXAMPLE = {1: 1, 2: 2, 3: 7, 4: 32, 5: 186, 6: 1_296}
-"""Of uniform points, by dimension: tells whether a triangulation is affordable before Qhull finds out."""
+"""Of uniform points, by dimension: whether a triangulation is affordable is known before Qhull starts."""
 
 _GENERIC = 97.0 * np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 """Directions in which no set of examples is regular."""
@@ -45,7 +45,7 @@ _GENERIC = 97.0 * np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Barycentric:
-    """Simplices of examples, ready to be asked.
+    """Simplices of examples, ready for queries.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Barycentric:
     heights : (S, D + 1) float64
         Height of each simplex over each of its facets.
     overlapping : bool
-        True for authored simplices, which nobody has promised not to overlap.
+        True for authored simplices, which may overlap.
     """
 
     chart: Chart

@@ -1,4 +1,4 @@
-"""Method ``inverse``: weights between 0 and 1 that an optimiser fits to the goal. Accurate where it can be, and jumpy.
+"""Method ``inverse``: weights between 0 and 1 that an optimiser fits to the goal. Accurate, but not continuous.
 
 Source: Feng, Huang, Kallmann, Shapiro 2012, section 3 (inverse blending), which minimises Σ c_i n_i f_i over several
 constraints. f is the squared distance here, as the paper's own measure of accuracy (§4.1): its sum is smooth where a
@@ -30,17 +30,17 @@ __all__ = ["Constraint", "Inverse"]
 KINDS = ("goal", "position", "distance")
 
 ENOUGH = 1e-12
-"""A warm start that leaves less than this share of the examples' mean squared error cannot be bettered visibly."""
+"""A warm start that leaves less than this share of the examples' mean squared error cannot be improved visibly."""
 
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """Something that a blend should meet; it counts priority × scale × squared error.
+    """A condition on a blend; it counts priority × scale × squared error.
 
     Parameters
     ----------
     kind : {"goal", "position", "distance"}
-        ``goal``: what the adverbs ask for: the verb's measured point, and the mean of each adverb that is not
+        ``goal``: the goal of the adverbs: the verb's measured point, and the mean of each adverb that is not
         measured. ``position``: a joint is at ``target`` at a keytime. ``distance``: it is ``distance_m`` away from
         there.
     priority, scale : float
@@ -71,11 +71,11 @@ class Inverse:
         The verb's own.
     problem : Problem
     examples : (P, N, 3) float64
-        Points that each example reaches by itself.
+        Points that each example is measured at by itself.
     fixed : (P, 3) float64
-        Points asked for; NaN where the query says which.
+        Required points; NaN where the query gives them.
     leaps : bool
-        Whether the first three mean values are what a jump covers.
+        Whether the first three mean values are the displacement of a jump.
     unmeasured : tuple of int
         Adverbs that are the other mean values.
     k : int
@@ -114,18 +114,18 @@ class Inverse:
         """
         for constraint in constraints:
             _check(constraint)
-        asked = [c for c in constraints if c.kind == "goal"]
-        if len(asked) > 1 or not constraints or k < 1:
+        wanted = [c for c in constraints if c.kind == "goal"]
+        if len(wanted) > 1 or not constraints or k < 1:
             raise OutOfRange("inverse blending needs k ≥ 1 and a constraint, of which at most one is the goal")
         goal, kind = Goal.of_verb(verb), verb.measure.kind
-        leaps = bool(asked) and kind == measures.JUMP
-        unmeasured = tuple(a for a in range(len(verb.adverbs)) if asked and a not in verb.measure.axes)
+        leaps = bool(wanted) and kind == measures.JUMP
+        unmeasured = tuple(a for a in range(len(verb.adverbs)) if wanted and a not in verb.measure.axes)
         points = [c for c in constraints if c.kind != "goal" or kind in (measures.POSITION, measures.VELOCITY)]
         goals = [goal if c.kind == "goal" else _joint_goal(verb, c) for c in points]
         count = len(verb.examples)
         examples = np.array([one.measured(np.eye(count)) for one in goals]).reshape(-1, count, 3)
         fixed = np.array([c.target if c.kind != "goal" else (np.nan,) * 3 for c in points]).reshape(-1, 3)
-        problem = _problem(verb, points, goals, *_means(goal, asked, leaps, unmeasured))
+        problem = _problem(verb, points, goals, *_means(goal, wanted, leaps, unmeasured))
         spread = np.concatenate([(examples.std(axis=1) ** 2).sum(axis=1), problem.values.std(axis=1) ** 2])
         return cls(goal, problem, examples, fixed, leaps, unmeasured, k, ENOUGH * float(problem.factors**2 @ spread))
 
@@ -147,18 +147,18 @@ class Inverse:
         batch, count = len(adverbs), self.examples.shape[1]
         out = np.empty((batch, count))
         earlier = np.empty((0, count)) if start is None else _on_simplex(start, (batch, count))
-        targets, means = self._asked(adverbs)
+        targets, means = self._targets(adverbs)
         kernels.solve(self.problem, self.examples, self.k, targets, means, earlier, self.enough, out)
         return out
 
     def cost(self, adverbs: F64, weights: F64) -> F64:
         """Σ c n f (B,) that weights (B, N) leave at adverbs (B, D): what :meth:`weights` minimises."""
         out = np.empty(len(adverbs))
-        kernels.costs(self.problem, *self._asked(adverbs), weights, out)
+        kernels.costs(self.problem, *self._targets(adverbs), weights, out)
         return out
 
-    def _asked(self, adverbs: F64) -> tuple[F64, F64]:
-        """Points (B, P, 3) and mean values (B, V) that adverbs (B, D) ask for."""
+    def _targets(self, adverbs: F64) -> tuple[F64, F64]:
+        """Points (B, P, 3) and mean values (B, V) that adverbs (B, D) require."""
         targets = np.repeat(self.fixed[None], len(adverbs), axis=0)
         for p in np.flatnonzero(np.isnan(self.fixed[:, 0])):
             targets[:, p] = self.goal.points(adverbs)
@@ -167,7 +167,7 @@ class Inverse:
 
 
 def _check(constraint: Constraint) -> None:
-    """Refuse what makes no sense, before it becomes arrays."""
+    """Check a constraint."""
     if constraint.kind not in KINDS:
         raise UnknownName("kind of constraint", constraint.kind, KINDS)
     numbers = (constraint.priority, constraint.scale, constraint.distance_m)
@@ -181,7 +181,7 @@ def _joint_goal(verb: Verb, constraint: Constraint) -> Goal:
         raise UnknownName("keytime", constraint.keytime, verb.keytime_names)
     joint, keytime = verb.skeleton.index(constraint.joint), verb.keytime_names.index(constraint.keytime)
     measure = Measure(measures.POSITION, joint, keytime, np.empty(0, np.int64), np.zeros(3), np.zeros((3, 0)))
-    still = verb.strides[:0]  # a walking verb's curves hold its poses in the frame that walks with it
+    still = verb.strides[:0]  # a walking verb's curves are poses in the frame that walks with it
     return Goal.of_verb(replace(verb, measure=measure, root_motion=poses.ABSOLUTE, strides=still))
 
 
@@ -193,12 +193,12 @@ def _balance(goal: Goal, adverb: int) -> float:
     return extent / (span * span if span > 0 else 1.0)
 
 
-def _means(goal: Goal, asked: list[Constraint], leaps: bool, unmeasured: tuple[int, ...]) -> tuple[F64, F64]:
-    """Values (V, N) whose means the goal asks for, and their shares (V,) in the sum."""
+def _means(goal: Goal, wanted: list[Constraint], leaps: bool, unmeasured: tuple[int, ...]) -> tuple[F64, F64]:
+    """Values (V, N) whose means the goal requires, and their shares (V,) in the sum."""
     verb, count = goal.verb, len(goal.verb.examples)
     covered = goal.measured(np.eye(count)).T if leaps else np.zeros((0, count))
     balance = np.array([1.0] * len(covered) + [_balance(goal, adverb) for adverb in unmeasured])
-    weight = asked[0].priority * asked[0].scale if asked else 0.0
+    weight = wanted[0].priority * wanted[0].scale if wanted else 0.0
     return np.concatenate([covered, verb.values[:, unmeasured].T]), weight * balance
 
 
@@ -233,5 +233,5 @@ def _on_simplex(start: F64, shape: tuple[int, int]) -> F64:
     cut = np.maximum(np.broadcast_to(start, shape), 0.0)
     sums = cut.sum(axis=1, keepdims=True)
     if not (sums > 0).all():
-        raise OutOfRange("start holds no positive weight")
+        raise OutOfRange("start has no positive weight")
     return np.ascontiguousarray(cut / sums)

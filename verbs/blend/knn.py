@@ -1,4 +1,4 @@
-"""Method ``knn``: the nearest of many pseudo-examples, each at the place that it truly reaches.
+"""Method ``knn``: the nearest of many pseudo-examples, each at the adverbs that it is measured at.
 
 Source: Feng, Huang, Kallmann, Shapiro 2012, section 3; the pseudo-examples, mixes of neighbouring examples with some
 weights a little below 0, follow Kovar, Gleicher 2004, "Automated Extraction and Parameterization of Motions in Large
@@ -41,7 +41,7 @@ class Knn:
     k : int
         Neighbours that count; the last of them by 0.
     tree : cKDTree
-        Places of the P pseudo-examples; the examples themselves are the first of them.
+        Positions of the P pseudo-examples; the examples themselves are the first of them.
     members : (P, m) int64
         Examples that each mixes.
     shares : (P, m) float64
@@ -57,7 +57,7 @@ class Knn:
 
     @classmethod
     def of_verb(cls, verb: Verb, *, count: int = 10_000, k: int = 6, seed: int = 0) -> Knn:
-        """Draw and place a verb's pseudo-examples.
+        """Draw and measure a verb's pseudo-examples.
 
         Parameters
         ----------
@@ -75,11 +75,11 @@ class Knn:
         alone = np.repeat(np.arange(examples)[:, None], members.shape[1], axis=1)
         members = np.concatenate([alone, members])
         shares = np.concatenate([np.eye(1, members.shape[1]).repeat(examples, axis=0), shares])
-        places = np.concatenate([points, chart.points(_measured(verb, members[examples:], shares[examples:]))])
-        return cls(chart, examples, min(max(k, 2), len(places)), cKDTree(places), members, shares)
+        positions = np.concatenate([points, chart.points(_measured(verb, members[examples:], shares[examples:]))])
+        return cls(chart, examples, min(max(k, 2), len(positions)), cKDTree(positions), members, shares)
 
     def weights(self, adverbs: F64) -> F64:
-        """Weights (B, N) at adverbs (B, D); at a pseudo-example's place its own."""
+        """Weights (B, N) at adverbs (B, D); at those of a pseudo-example, its own weights."""
         distances, nearest = self.tree.query(self.chart.points(adverbs), k=self.k)
         out = np.empty((len(adverbs), self.examples))
         kernels.blend(np.asarray(nearest, np.int64), distances, self.members, self.shares, out)
@@ -89,19 +89,19 @@ class Knn:
 def _mixes(points: F64, count: int, rng: np.random.Generator) -> tuple[I64, F64]:
     """Random mixes: the examples (count, m) that take part, and their shares (count, m), summing to 1.
 
-    A mix takes the examples nearest to a random place of their bounding box. Neighbourhoods of the examples
+    A mix takes the examples nearest to a random point of their bounding box. Neighbourhoods of the examples
     themselves leave the wide gaps between them empty: the error then doubles on locomotion and jump.
     """
     size = min(NEIGHBOURHOOD, len(points))
-    places = rng.uniform(points.min(axis=0), points.max(axis=0), (count, points.shape[1]))
-    members = np.asarray(cKDTree(points).query(places, k=size)[1], np.int64).reshape(count, size)
+    positions = rng.uniform(points.min(axis=0), points.max(axis=0), (count, points.shape[1]))
+    members = np.asarray(cKDTree(points).query(positions, k=size)[1], np.int64).reshape(count, size)
     shares = rng.dirichlet(np.ones(size), count)
     stretch = 1.0 + OVERSHOOT * rng.uniform(size=count) * (rng.uniform(size=count) < 0.5)
     return members, 1.0 / size + stretch[:, None] * (shares - 1.0 / size)
 
 
 def _measured(verb: Verb, members: I64, shares: F64) -> F64:
-    """Adverbs (P, D) that mixes reach: measured where they can be, otherwise the mean of the examples' values."""
+    """Adverbs (P, D) of mixes: measured where they can be, otherwise the mean of the examples' values."""
     adverbs: F64 = np.einsum("pm,pmd->pd", shares, verb.values[members])
     goal = Goal.of_verb(verb)
     if not goal.measurable:

@@ -23,7 +23,7 @@ __all__ = ["METHODS", "Method", "default_method", "make", "usable"]
 
 
 class Method(Protocol):
-    """Adverbs in, weights out; ready to be asked from several threads at once."""
+    """Adverbs in, weights out; safe for calls from several threads at once."""
 
     def weights(self, adverbs: F64) -> F64:
         """Weights (B, N), each row summing to 1, at adverbs (B, D) inside the domain."""
@@ -54,12 +54,12 @@ METHODS: dict[str, Row] = {
 
 
 def default_method(verb: Verb) -> str:
-    """Name of the method that a verb uses when none is asked for: ``corrected`` for every measured verb."""
+    """Name of the method that a verb uses by default: ``corrected`` for every measured verb."""
     return "corrected" if "corrected" in usable(verb) else "rbf"
 
 
 def usable(verb: Verb) -> tuple[str, ...]:
-    """Names of the methods that a verb can be asked with."""
+    """Names of the methods that a verb can use."""
     return tuple(name for name, row in METHODS.items() if _missing(row, verb) is None)
 
 
@@ -78,7 +78,7 @@ def make(name: str, verb: Verb) -> Method:
     Raises
     ------
     UnknownName
-        No method is called so; names those that are.
+        There is no such method; the message lists those that exist.
     RequestError
         The verb lacks what the method needs.
     """

@@ -5,7 +5,7 @@ Sloan, Cohen 2001, section 3.1, recall it: every coefficient of every curve has 
 own, fitted to its values in the examples. The cardinal basis (``rbf``) solves for N right sides instead of one per
 coefficient and blends afterwards; both are linear in the examples with the same matrices, so their curves are equal.
 
-It is here to show that, and what it costs. Its table is (N + D + 1) / N times the size of the curves, in float64.
+It serves to show that, and its cost. Its table is (N + D + 1) / N times the size of the curves, in float64.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class PerDof:
 
     @classmethod
     def of_verb(cls, verb: Verb) -> PerDof:
-        """Solve a verb's unit degrees of freedom; those of its curves are solved when first asked for."""
+        """Solve a verb's unit degrees of freedom; those of its curves are solved at their first use."""
         return cls(verb, _solve(verb.bases["rbf"], np.eye(len(verb.examples))))
 
     @cached_property
@@ -84,7 +84,7 @@ def _fit(powers: F64, system: F64, examples: F64) -> tuple[F64, F64]:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Time of both ways to the same curves; each the least of several runs.
+    """Times of both methods of computing the same curves; each the least of several runs.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ class Cost:
     solve_s, cardinal_solve_s : float
         Seconds to solve all problems, and the cardinal basis alone, from the same matrices.
     query_us, cardinal_query_us : float
-        Microseconds to all coefficients at one place; the cardinal way blends them with its weights. A compact
-        radial function leaves the former fewer terms than N, so that it need not be slower: what the cardinal way
+        Microseconds for all coefficients at one point; the cardinal method blends them with its weights. A compact
+        radial function leaves the former fewer terms than N, so that it need not be slower: what the cardinal method
         saves is the solving, and all coefficients that a pose has no use for.
     pose_us : float
-        Microseconds the cardinal way takes to what a single pose needs: weights and four rows of the curves.
+        Microseconds of the cardinal method for the needs of a single pose: weights and four rows of the curves.
     """
 
     coefficients: int
@@ -111,7 +111,7 @@ class Cost:
 def cost(verb: Verb, *, runs: int = 7) -> Cost:
     """Measure the cost of one problem per coefficient against that of the cardinal basis.
 
-    Queries of both ways are plain compiled loops on one thread: matrix libraries would measure their threads.
+    Queries of both methods are plain compiled loops on one thread: matrix libraries would measure their threads.
     """
     basis, at = verb.bases["rbf"], np.ascontiguousarray(verb.values.mean(axis=0, keepdims=True))
     curves = verb.curves.transpose(1, 0, 2).reshape(len(verb.examples), -1).astype(np.float64)

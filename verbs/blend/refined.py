@@ -37,7 +37,7 @@ class Refined:
     ----------
     basis : Basis
     lists : Grid or None
-        Which centers reach where; None where there are so few that trying all is faster.
+        Lists of centers; None where there are so few that trying all is faster.
     """
 
     basis: Basis
@@ -68,7 +68,7 @@ class Refined:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hybrid:
-    """A refined basis asked where a line search says: errors that refinement left are small, and smooth enough for it.
+    """A refined basis evaluated where a line search leads: the remaining errors are small, and smooth enough for it.
 
     Parameters
     ----------
@@ -86,5 +86,5 @@ class Hybrid:
         return cls(refined, Search(refined.basis, Goal.of_verb(verb), iterations))
 
     def weights(self, adverbs: F64) -> F64:
-        """Weights (B, N) at the places found for adverbs (B, D)."""
-        return self.refined.weights(self.search.places(adverbs))
+        """Weights (B, N) at the sources found for adverbs (B, D)."""
+        return self.refined.weights(self.search.sources(adverbs))

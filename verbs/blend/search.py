@@ -1,7 +1,7 @@
-"""Method ``search``: ask a basis at another place p', found by line searches, from which it reaches the goal p.
+"""Method ``search``: evaluate a basis at other adverbs p', found by line searches, whose blend is measured at p.
 
 Source: Rose, Sloan, Cohen 2001, section 4.2. From p, the search follows −(x_e(p) − p), opposite to the error, and takes
-the place of least error; it may be iterated from there. On top of a refined basis it is the paper's hybrid (§4.3).
+the point of least error; it may be iterated from there. On top of a refined basis it is the paper's hybrid (§4.3).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from verbs.verb import Basis, Verb
 __all__ = ["Search"]
 
 REACH = 2.5
-"""Farthest that a search goes, in lengths of the error."""
+"""Greatest length of a search, in lengths of the error."""
 
 SCANNED = 10
 """Steps of the scan over that length; the search proper is between the neighbours of the best of them."""
@@ -56,33 +56,33 @@ class Search:
         return cls(verb.bases[basis], Goal.of_verb(verb), iterations)
 
     def weights(self, adverbs: F64) -> F64:
-        """Weights (B, N) of the basis at the places found for adverbs (B, D)."""
-        return basis_weights(self.basis, self.places(adverbs))
+        """Weights (B, N) of the basis at the sources found for adverbs (B, D)."""
+        return basis_weights(self.basis, self.sources(adverbs))
 
-    def places(self, adverbs: F64) -> F64:
-        """Where to ask the basis instead of adverbs (B, D): p' (B, D). What is not measured stays as it is."""
-        places = adverbs.copy()
+    def sources(self, adverbs: F64) -> F64:
+        """Adverbs p' (B, D) at which to evaluate the basis instead of adverbs (B, D); unmeasured ones are unchanged."""
+        sources = adverbs.copy()
         if not self.goal.measurable:
-            return places
+            return sources
         for _ in range(self.iterations):
-            reached = self.goal.measured(basis_weights(self.basis, places))
-            away = self._coordinates(self.goal.compare(adverbs, reached)[0])
-            direction = self._coordinates(adverbs[:, self.goal.verb.measure.axes]) - away
-            self._follow(adverbs, places, direction)
-        return places
+            points = self.goal.measured(basis_weights(self.basis, sources))
+            measured = self._coordinates(self.goal.compare(adverbs, points)[0])
+            direction = self._coordinates(adverbs[:, self.goal.verb.measure.axes]) - measured
+            self._follow(adverbs, sources, direction)
+        return sources
 
-    def _follow(self, adverbs: F64, places: F64, direction: F64) -> None:
-        """Move places (B, D), in place, along a direction (B, m) to where the error is least."""
+    def _follow(self, adverbs: F64, sources: F64, direction: F64) -> None:
+        """Move sources (B, D), in place, along a direction (B, m) to where the error is least."""
         axes = self.goal.verb.measure.axes
-        start = self._coordinates(places[:, axes])
-        trial = places.copy()
+        start = self._coordinates(sources[:, axes])
+        trial = sources.copy()
 
         def errors(lengths: F64) -> F64:
             trial[:, axes] = self._adverbs(start + lengths[:, None] * direction)
             return self.goal.compare(adverbs, self.goal.measured(basis_weights(self.basis, trial)))[1]
 
         scan = np.linspace(0.0, REACH, SCANNED + 1)
-        table = np.array([errors(np.full(len(places), length)) for length in scan])
+        table = np.array([errors(np.full(len(sources), length)) for length in scan])
         best = scan[np.argmin(table, axis=0)]
         low, high = np.maximum(best - scan[1], 0.0), np.minimum(best + scan[1], REACH)
         left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
@@ -95,11 +95,11 @@ class Search:
             value = errors(fresh)
             at_left, at_right = np.where(lower, value, at_right), np.where(lower, at_left, value)
         middle = 0.5 * (low + high)
-        better = errors(middle) < table.min(axis=0)  # a search never leaves a place for a worse one
-        places[:, axes] = self._adverbs(start + np.where(better, middle, best)[:, None] * direction)
+        better = errors(middle) < table.min(axis=0)  # a search never ends at a worse point
+        sources[:, axes] = self._adverbs(start + np.where(better, middle, best)[:, None] * direction)
 
     def _coordinates(self, measured: F64) -> F64:
-        """Measured adverbs (B, m) as coordinates in which errors are straight: a jump's direction goes round."""
+        """Measured adverbs (B, m) as coordinates in which errors are straight: a jump's direction is an angle."""
         if self.goal.verb.measure.kind != measures.JUMP:
             return measured
         distance, direction, height = measured.T

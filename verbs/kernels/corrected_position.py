@@ -111,13 +111,13 @@ def _rotation_rates(mode: int, reference: F64, blended: F64, length: float, out:
         out[1, 0], out[1, 1], out[1, 2], out[1, 3] = -s * z, s * w, s * x, -s * y
         out[2, 0], out[2, 1], out[2, 2], out[2, 3] = s * y, -s * x, s * w, -s * z
         return
-    back, turn, v = np.empty(4), np.empty(4), np.empty(3)
+    back, rotation, v = np.empty(4), np.empty(4), np.empty(3)
     back[0], back[1], back[2], back[3] = -reference[0], -reference[1], -reference[2], reference[3]
-    multiply(back, blended, turn)
-    sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-    angle = 2.0 * np.arctan2(sine, turn[3])
+    multiply(back, blended, rotation)
+    sine = np.sqrt(rotation[0] * rotation[0] + rotation[1] * rotation[1] + rotation[2] * rotation[2])
+    angle = 2.0 * np.arctan2(sine, rotation[3])
     for a in range(3):
-        v[a] = turn[a] * (angle / sine if sine > 1e-9 else 2.0)
+        v[a] = rotation[a] * (angle / sine if sine > 1e-9 else 2.0)
     square = angle * angle
     first = (1.0 - np.cos(angle)) / square if angle > 1e-4 else 0.5
     second = (angle - np.sin(angle)) / (square * angle) if angle > 1e-3 else 1.0 / 6.0

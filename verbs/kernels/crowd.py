@@ -40,7 +40,7 @@ def _normalise(sums: F32, reference: F32, out: F32) -> None:
 
 
 @kernel
-def _turn(parent: F32, local: F32, out: F32) -> None:
+def _global_rotation(parent: F32, local: F32, out: F32) -> None:
     """Global rotations (4, T) of a joint from its parent's (4, T) and its local ones (4, T)."""
     for k in range(parent.shape[1]):
         x, y, z, w = parent[0, k], parent[1, k], parent[2, k], parent[3, k]
@@ -52,11 +52,11 @@ def _turn(parent: F32, local: F32, out: F32) -> None:
 
 
 @kernel
-def _place(parent: F32, turn: F32, offset: F32, out: F32) -> None:
-    """Places (3, T) of a joint: its parent's (3, T), plus the offset (3,) turned by the parent's rotation (4, T)."""
+def _position(parent: F32, rotation: F32, offset: F32, out: F32) -> None:
+    """Positions (3, T) of a joint: its parent's (3, T) plus the offset (3,), rotated as the parent is (4, T)."""
     a, b, c = offset[0], offset[1], offset[2]
     for k in range(parent.shape[1]):
-        x, y, z, w = turn[0, k], turn[1, k], turn[2, k], turn[3, k]
+        x, y, z, w = rotation[0, k], rotation[1, k], rotation[2, k], rotation[3, k]
         s, t, u = y * c - z * b, z * a - x * c, x * b - y * a
         s, t, u = s + s, t + t, u + u
         out[0, k] = parent[0, k] + a + w * s + y * u - z * t
@@ -66,7 +66,7 @@ def _place(parent: F32, turn: F32, offset: F32, out: F32) -> None:
 
 @kernel
 def crowd(
-    weights: F32, rows: F32, references: F32, parents: I64, offsets: F32, out_rotations: F32, out_places: F32
+    weights: F32, rows: F32, references: F32, parents: I64, offsets: F32, out_rotations: F32, out_positions: F32
 ) -> None:
     """Pose B characters at one phase; character b is the last axis' b % TILE of tile b // TILE.
 
@@ -83,26 +83,26 @@ def crowd(
     offsets : (J, 3) float32
         Position of each joint in its parent's frame, metres; the root's is not used.
     out_rotations : (⌈B / TILE⌉, J, 4, TILE) float32
-        Written: local rotations, unit quaternions. Places past B hold a pose without meaning.
-    out_places : (⌈B / TILE⌉, J, 3, TILE) float32
+        Written: local rotations, unit quaternions. Entries past B are a pose without meaning.
+    out_positions : (⌈B / TILE⌉, J, 3, TILE) float32
         Written: joint positions, metres.
     """
     batch, joints = weights.shape[0], parents.shape[0]
     columns = np.ascontiguousarray(rows.T)
     sums = np.empty((rows.shape[1], TILE), np.float32)
-    turns = np.empty((joints, 4, TILE), np.float32)
+    global_rotations = np.empty((joints, 4, TILE), np.float32)
     for tile in range(out_rotations.shape[0]):
-        asked = weights[tile * TILE : (tile + 1) * TILE]
-        if asked.shape[0] < TILE:
-            asked = np.zeros((TILE, weights.shape[1]), np.float32)
-            asked[: batch - tile * TILE] = weights[tile * TILE :]
-        np.dot(columns, asked.T, sums)
-        rotations, places = out_rotations[tile], out_places[tile]
+        tile_weights = weights[tile * TILE : (tile + 1) * TILE]
+        if tile_weights.shape[0] < TILE:
+            tile_weights = np.zeros((TILE, weights.shape[1]), np.float32)
+            tile_weights[: batch - tile * TILE] = weights[tile * TILE :]
+        np.dot(columns, tile_weights.T, sums)
+        rotations, positions = out_rotations[tile], out_positions[tile]
         for j in range(joints):
             _normalise(sums[4 + 4 * j : 8 + 4 * j], references[j], rotations[j])
             if j == 0:
-                turns[0], places[0] = rotations[0], sums[:3]
+                global_rotations[0], positions[0] = rotations[0], sums[:3]
             else:
                 i = parents[j]
-                _turn(turns[i], rotations[j], turns[j])
-                _place(places[i], turns[i], offsets[j], places[j])
+                _global_rotation(global_rotations[i], rotations[j], global_rotations[j])
+                _position(positions[i], global_rotations[i], offsets[j], positions[j])

@@ -1,6 +1,6 @@
 """Forward kinematics on arrays: local rotations to global rotations and joint positions.
 
-The NumPy form serves building, measuring and tests; :mod:`verbs.kernels.pose` holds the compiled form.
+This NumPy form serves authoring, quality and tests; the compiled form is in :mod:`verbs.kernels.pose`.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ def forward(root: Floats, rotations: Floats, parents: I64, offsets: Floats) -> t
     positions : (..., J, 3) float64
     """
     rotations = np.asarray(rotations, np.float64)
-    turns = np.empty(rotations.shape)
+    global_rotations = np.empty(rotations.shape)
     positions = np.empty((*rotations.shape[:-1], 3))
-    turns[..., 0, :], positions[..., 0, :] = rotations[..., 0, :], root
+    global_rotations[..., 0, :], positions[..., 0, :] = rotations[..., 0, :], root
     for joint in range(1, rotations.shape[-2]):
         parent = parents[joint]
-        turns[..., joint, :] = quat.mul(turns[..., parent, :], rotations[..., joint, :])
-        arm = quat.rotate(turns[..., parent, :], offsets[joint])
+        global_rotations[..., joint, :] = quat.mul(global_rotations[..., parent, :], rotations[..., joint, :])
+        arm = quat.rotate(global_rotations[..., parent, :], offsets[joint])
         positions[..., joint, :] = positions[..., parent, :] + arm
-    return turns, positions
+    return global_rotations, positions

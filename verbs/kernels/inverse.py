@@ -1,6 +1,6 @@
-"""Inverse blending: weights on a simplex whose blend meets weighted constraints as well as any near the start do.
+"""Inverse blending: weights on a simplex that are a local minimum of weighted constraints.
 
-Each constraint is a residual of what the blend reaches: a point (3 numbers), a distance (1), or a mean value (1). The
+Each constraint is a residual of the blend: a point (3 numbers), a distance (1), or a mean value (1). The
 sum of their weighted squares falls by Levenberg–Marquardt steps. A step minimises the linearised, damped sum over the
 simplex exactly, so that bounds and sum hold throughout; where no step gains the Karush–Kuhn–Tucker conditions hold.
 
@@ -31,14 +31,14 @@ FLOOR = 1e-9
 """Least damping, as a share of the largest squared derivative: keeps a step's quadratic definite."""
 
 GAIN = 1e-10
-"""A descent ends when the next step would gain less than this share of what is left."""
+"""A descent ends when the next step would gain less than this share of the remaining sum."""
 
 EXACT = 1e-8
-"""… or where what is left is below this share of what is ``enough``."""
+"""… or where the remaining sum is below this share of ``enough``."""
 
 
 class Problem(NamedTuple):
-    """Constraints of some examples, as arrays; P points are asked for and V mean values.
+    """Constraints of some examples, as arrays; P points and V mean values are required.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Problem(NamedTuple):
     strides : (K, N, 3) float64
     clock : Clock
     values : (V, N) float64
-        Values of the examples whose means are asked for: adverbs that are not measured, and what a jump covers.
+        Values of the examples whose means are required: adverbs that are not measured, and the displacement of a jump.
     """
 
     mode: int
@@ -124,7 +124,7 @@ def subset(problem: Problem, chosen: I64) -> Problem:
 
 @kernel
 def _point(problem: Problem, p: int, weights: F64, scratch: F64, point: F64, jacobian: F64) -> None:
-    """Point p (3,) that a blend reaches, and its Jacobian (3, n)."""
+    """Measured point p (3,) of a blend, and its Jacobian (3, n)."""
     if problem.kinds[p] == measures.VELOCITY:
         velocity_jacobian(weights, problem.strides, problem.clock, point, jacobian)
     else:
@@ -177,7 +177,7 @@ def row_count(problem: Problem) -> int:
 def assess(problem: Problem, weights: F64, targets: F64, means: F64, residuals: F64, jacobian: F64) -> float:
     """Residuals (R,) of weights (n,) and their Jacobian (R, n); return the sum of squares.
 
-    ``targets`` (P, 3) are the points and ``means`` (V,) the mean values asked for.
+    ``targets`` (P, 3) are the points and ``means`` (V,) the required mean values.
     """
     count, points = weights.shape[0], problem.kinds.shape[0]
     point, slopes = np.empty(3), np.empty((3, count))
@@ -278,7 +278,7 @@ def _largest(jacobian: F64) -> float:
 
 @kernel
 def _errors(problem: Problem, examples: F64, targets: F64, means: F64, out: F64) -> None:
-    """Sum of weighted squares (N,) of each example alone; ``examples`` (P, N, 3) are the points that they reach."""
+    """Sum of weighted squares (N,) of each example alone; ``examples`` (P, N, 3) are their measured points."""
     points = problem.kinds.shape[0]
     for i in range(out.shape[0]):
         out[i] = 0.0
@@ -313,7 +313,7 @@ def _choose(errors: F64, k: int, start: F64, chosen: I64) -> int:
 
 @kernel
 def _begin(errors: F64, k: int, chosen: I64, out: F64) -> None:
-    """Weights (N,) to start from: a smooth kernel of the k least errors, whose mean is its width."""
+    """Weights (N,) to start from: a smooth function of the k least errors, whose mean is its width."""
     out[:] = 0.0
     count = _choose(errors, k, out, chosen)
     width, total = 0.0, 0.0
@@ -328,7 +328,7 @@ def _begin(errors: F64, k: int, chosen: I64, out: F64) -> None:
 
 @kernel
 def _improve(problem: Problem, chosen: I64, targets: F64, means: F64, exact: float, weights: F64) -> float:
-    """Improve weights (N,), in place, over the chosen examples; return the sum of squares that they reach."""
+    """Improve weights (N,), in place, over the chosen examples; return their sum of squares."""
     few = np.empty(chosen.shape[0])
     for c in range(chosen.shape[0]):
         few[c] = weights[chosen[c]]
@@ -349,7 +349,7 @@ def solve(
     problem : Problem
         Over all N examples.
     examples : (P, N, 3) float64
-        Points that each example reaches by itself.
+        Points that each example is measured at by itself.
     k : int
         Examples that take part: those of least error.
     targets : (B, P, 3) float64
@@ -357,7 +357,7 @@ def solve(
     start : (B, N) or (0, N) float64
         Earlier weights to go on from, on the simplex; the examples that they use take part as well.
     enough : float
-        If more is left of the sum of squares from ``start``, the usual start has its turn too and the better counts.
+        If the sum of squares from ``start`` stays above this, the usual start is tried too, and the better counts.
     """
     count, warm = out.shape[1], start.shape[0] > 0
     errors, trial, chosen = np.empty(count), np.empty(count), np.empty(count, np.int64)
@@ -380,7 +380,7 @@ def solve(
 
 @kernel
 def costs(problem: Problem, targets: F64, means: F64, weights: F64, out: F64) -> None:
-    """Sum of weighted squares (B,) that weights (B, N) leave; the other arrays as in :func:`solve`."""
+    """Sum of weighted squares (B,) of weights (B, N); the other arrays as in :func:`solve`."""
     rows = row_count(problem)
     residuals, jacobian = np.empty(rows), np.empty((rows, weights.shape[1]))
     for b in range(out.shape[0]):

@@ -27,8 +27,8 @@ def expand(members: I64, shares: F64, out: F64) -> None:
 def blend(nearest: I64, distances: F64, members: I64, shares: F64, out: F64) -> None:
     """Weights (B, N) of the blend of neighbours, written to ``out``.
 
-    Neighbour j counts 1/d_j − 1/d_k, normalised: the farthest of the k counts nothing, so that neighbours enter and
-    leave without a jump. Where all are equally far, all count the same.
+    Neighbour j counts 1/d_j − 1/d_k, normalised: the farthest of the k counts nothing, so that weights
+    are continuous where neighbours change. Where all are equally far, all count the same.
 
     Parameters
     ----------

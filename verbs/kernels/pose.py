@@ -1,7 +1,7 @@
 """Weights and phases to poses: curve sampling, blending, forward kinematics; all loops over a leading batch axis.
 
 Curves are uniform cubic B-splines over canonical time, one row per coefficient and example:
-``curves`` is (K + 3, N, 4 + 4·J) float32, where K is the number of intervals; the row holds the root position and a
+``curves`` is (K + 3, N, 4 + 4·J) float32, where K is the number of intervals; a row contains the root position and a
 zero, then one quaternion (or one rotation vector and a zero) per joint. Row k of the first axis weighs the phases
 around (k - 1) / K.
 
@@ -62,8 +62,8 @@ def multiply(a: F64, b: F64, out: F64) -> None:
 
 
 @kernel
-def add_turned(q: F64, v: F64, out: F64) -> None:
-    """Vector (3,) turned by a unit quaternion (4,), added to ``out``."""
+def add_rotated(q: F64, v: F64, out: F64) -> None:
+    """Vector (3,) rotated by a unit quaternion (4,), added to ``out``."""
     x = 2.0 * (q[1] * v[2] - q[2] * v[1])
     y = 2.0 * (q[2] * v[0] - q[0] * v[2])
     z = 2.0 * (q[0] * v[1] - q[1] * v[0])
@@ -74,7 +74,7 @@ def add_turned(q: F64, v: F64, out: F64) -> None:
 
 @kernel
 def finish_rotation(mode: int, reference: F64, q: F64) -> float:
-    """Turn a blended row (4,) into a unit quaternion, in place; return the length of the sum (1 for vectors).
+    """Convert a blended row (4,) into a unit quaternion, in place; return the length of the sum (1 for vectors).
 
     A sum shorter than 0.3 has lost its direction (examples cancel); its joint falls back to the reference.
     """
@@ -179,16 +179,16 @@ def blend_single(weights: F64, phases: F64, curves: F32, mode: int, references: 
 
 
 @kernel
-def forward(root: F64, rotations: F64, parents: I64, offsets: F64, turns: F64, positions: F64) -> None:
+def forward(root: F64, rotations: F64, parents: I64, offsets: F64, global_rotations: F64, positions: F64) -> None:
     """Global rotations (B, J, 4) and positions (B, J, 3) of poses: root (B, 3), local rotations (B, J, 4)."""
     for b in range(root.shape[0]):
-        turns[b, 0] = rotations[b, 0]
+        global_rotations[b, 0] = rotations[b, 0]
         positions[b, 0] = root[b]
         for j in range(1, parents.shape[0]):
             parent = parents[j]
-            multiply(turns[b, parent], rotations[b, j], turns[b, j])
+            multiply(global_rotations[b, parent], rotations[b, j], global_rotations[b, j])
             positions[b, j] = positions[b, parent]
-            add_turned(turns[b, parent], offsets[j], positions[b, j])
+            add_rotated(global_rotations[b, parent], offsets[j], positions[b, j])
 
 
 @kernel
@@ -212,21 +212,21 @@ def _part(u: float, step: float, before: float, after: float) -> float:
 
 
 @kernel
-def _advance(place: F64, side: float, ahead: float, turn: float) -> None:
-    """Move a place (x, z, heading) by a step in the frame of its heading half way."""
-    middle = place[2] + 0.5 * turn
+def _advance(location: F64, side: float, ahead: float, turn: float) -> None:
+    """Move a location (x, z, heading) by a step in the frame of its heading half way."""
+    middle = location[2] + 0.5 * turn
     cosine, sine = np.cos(middle), np.sin(middle)
-    place[0] += side * cosine + ahead * sine
-    place[1] += ahead * cosine - side * sine
-    place[2] += turn
+    location[0] += side * cosine + ahead * sine
+    location[1] += ahead * cosine - side * sine
+    location[2] += turn
 
 
 @kernel
-def stride_to(weights: F64, strides: F64, start: float, end: float, looping: bool, place: F64) -> None:
+def stride_to(weights: F64, strides: F64, start: float, end: float, looping: bool, location: F64) -> None:
     """Walk one character from phase ``start`` to phase ``end`` ≥ start (both unwrapped: 1.5 is mid second cycle).
 
     ``strides`` (K, N, 3) are the examples' steps per interval in the frame of their own heading: sideways, forward,
-    turn. ``place`` (3,) holds x, z and heading and is moved. Steps are joined by a cubic whose ends share their
+    turn. ``location`` (3,) is x, z and heading, and is moved. Steps are joined by a cubic whose ends share their
     neighbours' mean speed, so that position and velocity are continuous, across the seam of a loop too.
     """
     intervals = strides.shape[0]
@@ -241,7 +241,7 @@ def stride_to(weights: F64, strides: F64, start: float, end: float, looping: boo
         after = _step(weights, strides, k + 1) if looping or k < intervals - 1 else step
         u, v = min(max(at - k, 0.0), 1.0), min(max(upto - k, 0.0), 1.0)
         _advance(
-            place,
+            location,
             _part(v, step[0], before[0], after[0]) - _part(u, step[0], before[0], after[0]),
             _part(v, step[1], before[1], after[1]) - _part(u, step[1], before[1], after[1]),
             _part(v, step[2], before[2], after[2]) - _part(u, step[2], before[2], after[2]),
@@ -252,37 +252,37 @@ def stride_to(weights: F64, strides: F64, start: float, end: float, looping: boo
 
 
 @kernel
-def _walk_cycles(weights: F64, strides: F64, cycles: int, once: F64, place: F64) -> None:
-    """Walk whole cycles from the origin: one is walked (``once`` (3,), scratch), the others are its step, turned on."""
+def _walk_cycles(weights: F64, strides: F64, cycles: int, once: F64, location: F64) -> None:
+    """Walk whole cycles from the origin; all have the displacement of the first, ``once`` (3,), which is scratch."""
     once[:] = 0.0
     stride_to(weights, strides, 0.0, 1.0, True, once)
     for _ in range(cycles):
-        cosine, sine = np.cos(place[2]), np.sin(place[2])
-        place[0] += once[0] * cosine + once[1] * sine
-        place[1] += -once[0] * sine + once[1] * cosine
-        place[2] += once[2]
+        cosine, sine = np.cos(location[2]), np.sin(location[2])
+        location[0] += once[0] * cosine + once[1] * sine
+        location[1] += -once[0] * sine + once[1] * cosine
+        location[2] += once[2]
 
 
 @kernel
 def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: bool, root: F64, rotations: F64) -> None:
-    """Place poses of a striding verb in the world: each walked there from phase 0, or, in ``one_walk``, from the last.
+    """Move poses of a striding verb in the world: each from phase 0, or, in ``one_walk``, from the previous one.
 
-    ``phases`` (B,) are unwrapped, and rise in one walk. ``root`` (B, 3) holds heights; x and z are written.
-    ``rotations`` (B, J, 4) hold root rotations without heading; the heading walked through is put in front.
+    ``phases`` (B,) are unwrapped, and rise in one walk. ``root`` (B, 3) has heights; x and z are written.
+    ``rotations`` (B, J, 4) have root rotations without heading; the heading is multiplied from the left.
     """
-    place, once, heading, local = np.empty(3), np.empty(3), np.zeros(4), np.empty(4)
+    location, once, heading, local = np.empty(3), np.empty(3), np.zeros(4), np.empty(4)
     for b in range(weights.shape[0]):
         start = 0.0
         if one_walk and b > 0:
             start = phases[b - 1]
         else:
-            place[:] = 0.0
+            location[:] = 0.0
             if looping and phases[b] >= 2.0:
                 start = np.floor(phases[b])
-                _walk_cycles(weights[b], strides, int(start), once, place)
-        stride_to(weights[b], strides, start, phases[b], looping, place)
-        root[b, 0], root[b, 2] = place[0], place[1]
-        heading[1], heading[3] = np.sin(0.5 * place[2]), np.cos(0.5 * place[2])
+                _walk_cycles(weights[b], strides, int(start), once, location)
+        stride_to(weights[b], strides, start, phases[b], looping, location)
+        root[b, 0], root[b, 2] = location[0], location[1]
+        heading[1], heading[3] = np.sin(0.5 * location[2]), np.cos(0.5 * location[2])
         local[:] = rotations[b, 0]
         multiply(heading, local, rotations[b, 0])
 

@@ -58,7 +58,7 @@ def normalize(rotations: Floats) -> F64:
 
 
 def rotate(rotations: Floats, vectors: Floats) -> F64:
-    """Vectors (..., 3) turned by unit quaternions (..., 4)."""
+    """Vectors (..., 3) rotated by unit quaternions (..., 4)."""
     rotations, vectors = np.asarray(rotations, np.float64), np.asarray(vectors, np.float64)
     axis, scalar = rotations[..., :3], rotations[..., 3:]
     twice = 2.0 * np.cross(axis, vectors)
@@ -74,7 +74,7 @@ def exp(vectors: Floats) -> F64:
 
 
 def log(rotations: Floats) -> F64:
-    """Rotation vectors (..., 3) of unit quaternions (..., 4), by the shorter way round: length ≤ π."""
+    """Rotation vectors (..., 3) of unit quaternions (..., 4), of the smaller angle: length ≤ π."""
     rotations = np.asarray(rotations, np.float64)
     rotations = np.where(rotations[..., 3:] < 0, -rotations, rotations)
     sine = np.linalg.norm(rotations[..., :3], axis=-1, keepdims=True)
@@ -115,15 +115,15 @@ def principal(rotations: Floats) -> F64:
 def from_euler(order: str, angles: Floats) -> F64:
     """Unit quaternions of Euler angles (..., 3), radians, in BVH's sense.
 
-    ``order`` names the axes as the channels stand: ``"ZXY"`` means R = Rz · Rx · Ry (intrinsic).
+    ``order`` names the axes in the order of the channels: ``"ZXY"`` means R = Rz · Rx · Ry (intrinsic).
     """
     angles = np.asarray(angles, np.float64)
     result: F64 | None = None
     for column, axis in enumerate(order):
-        turn = np.zeros((*angles.shape[:-1], 4))
-        turn[..., _AXES[axis]] = np.sin(0.5 * angles[..., column])
-        turn[..., 3] = np.cos(0.5 * angles[..., column])
-        result = turn if result is None else mul(result, turn)
+        rotation = np.zeros((*angles.shape[:-1], 4))
+        rotation[..., _AXES[axis]] = np.sin(0.5 * angles[..., column])
+        rotation[..., 3] = np.cos(0.5 * angles[..., column])
+        result = rotation if result is None else mul(result, rotation)
     assert result is not None  # an order names at least one axis
     return result
 

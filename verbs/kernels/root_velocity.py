@@ -1,6 +1,6 @@
 """Mean speeds of one walked cycle, and their derivatives in the weights: few passes over contiguous rows.
 
-A step contributes its blended stride, turned by the angle from a frame that turns at the cycle's mean rate to the
+A step contributes its blended stride, rotated by the angle from a frame that turns at the cycle's mean rate to the
 step's own heading. Strides and headings are linear in the weights, seconds in keytimes and tangents; so all are sums
 of rows that never change, and only the turning in between is not linear. Derivatives are taken backwards: each
 step's sensitivity first, then one more pass over the rows.
@@ -256,7 +256,7 @@ def _gather(walk: F64, steps: F64, jacobian: F64) -> None:
 def _pace(walk: F64, first: int, times: F64, steps: F64, shares: F64) -> None:
     """Sums Σ_k x, z times the seconds at mid step, and times their derivatives in each segment length.
 
-    ``shares`` (M + 1, M) holds the tangents' derivatives in its first M - 1 rows. Its last two are written: x and z;
+    ``shares`` (M + 1, M) contains the tangents' derivatives in its first M - 1 rows. Its last two are written: x and z;
     the derivatives come first, the sum last.
     """
     last = times.shape[1] - 1

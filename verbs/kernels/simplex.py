@@ -189,7 +189,7 @@ def _project(point: F64, corners: F64, shares: F64, gram: F64, edges: F64, free:
 
 @kernel
 def _toward(point: F64, corners: F64, shares: F64, out: F64) -> float:
-    """Direction (D,) to ``point`` from that with ``shares`` in a simplex; return how far along it the latter lies."""
+    """Direction (D,) to ``point`` from that with ``shares`` in a simplex; return the level of the latter along it."""
     level = 0.0
     out[:] = point
     for c in range(shares.shape[0]):
@@ -260,7 +260,7 @@ def barycentric(
     heights : (S, D + 1) float64
         Height of each simplex over each of its facets, that which lacks the corner.
     overlapping : bool
-        False where simplices share nothing but facets; then the first that contains the point settles it.
+        False where simplices share nothing but facets; then the first one that contains the point counts.
     """
     shares, gaps = np.empty(members.shape[1]), np.empty(members.shape[0])
     for b in range(points.shape[0]):
@@ -271,7 +271,7 @@ def barycentric(
             if depth < -CONTAINED:
                 gaps[s] = _gap(shares, heights[s])
                 continue
-            share = depth + 2.0 * CONTAINED  # above 0, so that a facet that no simplex holds inside still counts
+            share = depth + 2.0 * CONTAINED  # above 0, so that a facet on the border of all simplices still counts
             _spread(members[s], shares, share, row)
             total += share
             if not overlapping:

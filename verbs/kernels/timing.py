@@ -48,7 +48,7 @@ def resolve(weights: F64, clock: Clock, at: F64, given_time: bool, out: Instants
     weights : (B, N) float64
     clock : Clock
     at : (B,) float64
-        Seconds or phases; before the start and past the end of a motion that does not loop, its ends.
+        Seconds or phases; outside a motion that does not loop, its ends count.
     given_time : bool
         Whether ``at`` contains seconds or phases.
     out : Instants

@@ -36,7 +36,7 @@ RESTART_S = 0.3
 """Length of the transition with which a motion that does not loop starts over."""
 
 _HALVED = 1.6783469900166605
-"""Where (1 + x) · exp(-x) is one half: a critically damped spring from rest has gone half its way."""
+"""Where (1 + x) · exp(-x) is one half: a critically damped spring from rest has covered half its distance."""
 
 
 class Characters(CharacterPool):
@@ -92,11 +92,11 @@ class Characters(CharacterPool):
             -10 to 10; 1 is the examples' own.
         playing : bool
         looping : bool, optional
-            As the verb does unless given. A motion that does not loop by itself starts over with a transition.
+            As the verb unless given. A motion that is no loop starts over with a transition.
         half_life_s : float
-            Seconds in which half of the way to a new goal is done; 0 is at once.
+            Seconds in which half of the distance to a new goal is covered; 0 moves at once.
         following : bool
-            Whether the effector is on its goal while the character is held within the follow window.
+            Whether the effector is on its goal while the character is paused within the follow window.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class Characters(CharacterPool):
         return np.asarray(rows[0])
 
     def aim(self, slot: int, row: F64) -> None:
-        """Give a character another goal (D,), which was checked."""
+        """Give a character another goal: checked adverbs (D,)."""
         self.goals[slot] = row
 
     def set(
@@ -152,7 +152,7 @@ class Characters(CharacterPool):
         half_life_s: float | None = None,
         following: bool | None = None,
     ) -> None:
-        """Change how a character plays; a phase is gone to at once. Raises :class:`OutOfRange`."""
+        """Change how a character plays; a phase applies at once. Raises :class:`OutOfRange`."""
         row = self.state[slot]
         for name, value, low, high in (
             ("phase", phase, 0.0, 1.0),
@@ -175,7 +175,7 @@ class Characters(CharacterPool):
             row["decay"] = _HALVED / half_life_s if half_life_s > 0 else 0.0
 
     def phase(self, slot: int) -> float:
-        """Where a character is in its motion."""
+        """Phase of a character."""
         return float(self.state["phase"][slot])
 
     def step(self, slots: I64, step_s: float) -> Frames:
@@ -203,20 +203,20 @@ class Characters(CharacterPool):
         transition_s: float = RESTART_S,
         same: bool = False,
     ) -> int:
-        """A character of this verb that goes on from one of another; return its slot. The other stays as it is.
+        """A character of this verb that continues from one of another; return its slot. The other stays as it is.
 
         Parameters
         ----------
         other, slot
-            Whom it goes on from; how it plays is taken from there.
+            The character it continues from; speed and half-life are taken from there.
         adverbs : optional
             The middle of the domain unless given.
         phase : float, optional
-            Where it starts; see :func:`verbs.runtime.transition.start_phase`.
+            Phase at which it starts; see :func:`verbs.runtime.transition.start_phase`.
         transition_s : float
             0 to 5; 0 cuts.
         same : bool
-            The verb is the same one in another version: goal, phase and place are kept.
+            The verb is the same one in another version: goal, phase and position are kept.
 
         Raises
         ------
@@ -243,8 +243,8 @@ class Characters(CharacterPool):
             row[name] = was[name]
         row["playing"] = was["playing"] if same else 1.0
         if was["fresh"] == 1.0 and was["step_s"] == 0.0:
-            return new  # nobody has seen it yet
-        if same:  # whatever is asked of one is asked of both, so compare what is ahead of both
+            return new  # the other has had no frame yet
+        if same:  # both have the same goal, so compare the next frames of both
             self._last[new], row["fresh"] = other._ahead(np.array([slot]), passing=True)[0], 0.0
             inertialization.step_back(self._last[new])
         else:
@@ -254,7 +254,7 @@ class Characters(CharacterPool):
         return new
 
     def world(self, slot: int) -> tuple[float, float, float]:
-        """Where a character's root was shown last: x, z (m) and heading (rad)."""
+        """Position of a character's root in its last frame: x, z (m) and heading (rad)."""
         last = self._last[slot, 1]
         turn = float(self.state["heading"][slot]) if self._striding else transition.heading(last[3:7])
         return float(last[0]), float(last[2]), turn
@@ -276,7 +276,7 @@ class Characters(CharacterPool):
             self.remove(slot)
 
     def _blend(self, slots: I64, step_s: float) -> tuple[F64, Blend]:
-        """Adverbs (B, D) that are shown now, and what they come to; blended anew only where they moved."""
+        """Adverbs (B, D) that are displayed now, and their blend; evaluated only where they moved."""
         chart, size = self.verb.domain.chart, len(slots)
         points, moved = np.empty((size, len(self.verb.adverbs))), np.empty(size, np.int64)
         goals = chart.points(self.goals[slots])
@@ -303,19 +303,19 @@ class Characters(CharacterPool):
         return Blend(self.method, *kept)
 
     def _steer_as(self, slot: int, other: Characters, whose: int) -> None:
-        """Let a character run after its goal as another of the same adverbs does."""
+        """Give a character the displayed point and velocity of another of the same adverbs."""
         to, source = self.verb.domain.chart, other.verb.domain.chart
         at, velocity, instant = other._shown[whose][None], other._velocity[whose], 1e-3
         self._shown[slot] = to.points(source.adverbs(at))[0]
         self._velocity[slot] = (to.points(source.adverbs(at + instant * velocity))[0] - self._shown[slot]) / instant
 
     def _stand(self, slot: int, at: tuple[float, float, float]) -> None:
-        """Put a character's next frame at a place (x, z, heading)."""
+        """Put a character's next frame at a position (x, z, heading)."""
         row = self.state[slot]
         row["x"] = row["z"] = row["heading"] = 0.0
         first = self._ahead(np.array([slot]))[0, 0]
         turn = 0.0 if self._striding else transition.heading(first[3:7])
-        row["x"], row["z"], row["heading"] = transition.placed(at, np.array([first[0], first[2], turn]))
+        row["x"], row["z"], row["heading"] = transition.aligned(at, np.array([first[0], first[2], turn]))
 
     def _restart(self, slots: I64, step_s: float) -> None:
         """Let motions that started over pass from their progress to their starts, a jump from where it led."""
@@ -324,7 +324,7 @@ class Characters(CharacterPool):
             for slot in slots.tolist():
                 self._stand(slot, self.world(slot))
         for slot, ahead in zip(slots.tolist(), self._ahead(slots), strict=True):
-            inertialization.step_back(ahead)  # it has gone on already, by less than a step
+            inertialization.step_back(ahead)  # it is already less than a step further
             self._begin(slot, ahead, RESTART_S)
 
     def _begin(self, slot: int, ahead: F64, transition_s: float) -> None:

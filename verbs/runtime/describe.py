@@ -23,14 +23,14 @@ from verbs.verb import Domain, Measure, Verb
 __all__ = ["SPACES", "describe", "joint_indices", "numbers", "pose_fields", "pose_record", "summary"]
 
 SPACES = ("local", "global")
-"""Spaces in which rotations may be asked for."""
+"""Spaces of rotations in requests."""
 
 _CHARTS = {number: name for name, number in charts.CHARTS.items()}
 _MEASURES = {number: name for name, number in measures.MEASURES.items()}
 
 
 def describe(verb: Verb, *, version: int = 1) -> dict[str, Any]:
-    """All that a client needs to know about a verb, as JSON values.
+    """Everything a client needs about a verb, as JSON values.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def pose_record(
         A joint or a space that does not exist.
     """
     chosen = joint_indices(evaluator.verb.skeleton, joints)
-    turns, places = in_space(evaluator, poses, space, chosen)
-    record = pose_fields(evaluator, poses, index, turns, places, version=version, weights=weights)
+    rotations, positions = in_space(evaluator, poses, space, chosen)
+    record = pose_fields(evaluator, poses, index, rotations, positions, version=version, weights=weights)
     return {key: _plain(value) if isinstance(value, np.ndarray) else value for key, value in record.items()}
 
 
@@ -118,25 +118,25 @@ def in_space(
     """Rotations (B, J, 4) in a space and, in the global one, positions (B, J, 3), of some joints or (None) of all."""
     if space not in SPACES:
         raise UnknownName("space", space, SPACES)
-    turns, places = evaluator.positions(poses) if space == "global" else (poses.rotations, None)
+    rotations, positions = evaluator.positions(poses) if space == "global" else (poses.rotations, None)
     if joints is not None:
-        turns, places = turns[:, joints], None if places is None else places[:, joints]
-    return turns.astype(np.float32), None if places is None else places.astype(np.float32)
+        rotations, positions = rotations[:, joints], None if positions is None else positions[:, joints]
+    return rotations.astype(np.float32), None if positions is None else positions.astype(np.float32)
 
 
 def pose_fields(
     evaluator: Evaluator,
     poses: Poses,
     index: int,
-    turns: npt.NDArray[np.float32],
-    places: npt.NDArray[np.float32] | None,
+    rotations: npt.NDArray[np.float32],
+    positions: npt.NDArray[np.float32] | None,
     *,
     version: int,
     weights: bool,
 ) -> dict[str, Any]:
     """One pose of a batch; arrays stay float32 arrays, for encoders that take them as they are.
 
-    ``turns`` (B, J, 4) and ``places`` (B, J, 3) are those of :func:`in_space`.
+    ``rotations`` (B, J, 4) and ``positions`` (B, J, 3) are those of :func:`in_space`.
     """
     verb, blend = evaluator.verb, poses.blend
     row = index if len(blend.weights) > 1 else 0  # one blend may serve many instants
@@ -150,13 +150,13 @@ def pose_fields(
         "time": float(poses.time_s[index]),
         "duration": float(poses.duration_s[index]),
         "root": poses.root[index].astype(np.float32),
-        "rotations": turns[index],
+        "rotations": rotations[index],
         "measured": dict(zip(names, measured, strict=True)),
         "error": number(float(blend.error[row])),
         "clamped": bool(blend.clamped[row]),
     }
-    if places is not None:
-        record["positions"] = places[index]
+    if positions is not None:
+        record["positions"] = positions[index]
     if poses.root_velocity is not None:
         record["root_velocity"] = poses.root_velocity[index].astype(np.float32)
     if weights:
@@ -174,12 +174,12 @@ def joint_indices(skeleton: Skeleton, joints: Sequence[str] | None) -> I64 | Non
 
 
 def number(value: float) -> float | None:
-    """A float that JSON can hold: None where it is not finite."""
+    """A float for JSON: None where it is not finite."""
     return value if math.isfinite(value) else None
 
 
 def numbers(values: F64) -> list[float | None]:
-    """Floats that JSON can hold."""
+    """Floats for JSON."""
     return [number(value) for value in values.tolist()]
 
 
@@ -203,8 +203,8 @@ def _adverb(verb: Verb, k: int) -> dict[str, Any]:
 
 
 def _examples(verb: Verb) -> list[dict[str, Any]]:
-    """Examples, with the point of the verb's space that each reaches where the measure is a place."""
-    points = _places(verb, verb.values)
+    """Examples, with the point of the verb's space of each where the measure is a position."""
+    points = _points(verb, verb.values)
     return [
         {
             "name": name,
@@ -222,7 +222,7 @@ def _pseudo_examples(verb: Verb) -> list[dict[str, Any]]:
     if basis is None:
         return []
     values = basis.chart.adverbs(basis.centers[len(verb.examples) :])
-    points = _places(verb, values)
+    points = _points(verb, values)
     return [{"adverbs": _named(verb, row), "point": point} for row, point in zip(values, points, strict=True)]
 
 
@@ -230,7 +230,7 @@ def _named(verb: Verb, row: F64) -> dict[str, float]:
     return dict(zip((adverb.name for adverb in verb.adverbs), row.tolist(), strict=True))
 
 
-def _places(verb: Verb, values: F64) -> list[list[float] | None]:
+def _points(verb: Verb, values: F64) -> list[list[float] | None]:
     """Points (x, y, z), metres, of adverbs (B, D): where the effector is, or where a jump lands at how much rise."""
     points = Goal.of_verb(verb).points(values)
     if verb.measure.kind == measures.POSITION:

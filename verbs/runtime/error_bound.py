@@ -1,4 +1,4 @@
-"""Meet an error bound with as little as it takes: ``rbf``, then ``search``, ``corrected``, and a polish of the joints.
+"""Meet an error bound with the least work: ``rbf``, then ``search``, ``corrected``, and a polish of the joints.
 
 Source: Rose, Sloan, Cohen 2001, section 4 (search, and a short inverse-kinematics pass for the last millimetres).
 """
@@ -21,14 +21,14 @@ LADDER = ("rbf", "search", "corrected")
 """Methods in the order in which they are tried; the polish comes after the last."""
 
 TURN_LIMIT_RAD = 0.35
-"""Most that the polish turns one joint: 20°, beyond which the pose would no longer be the animator's."""
+"""Largest rotation of one joint by the polish: 20°. Beyond, the pose would no longer be the animator's."""
 
 DAMPING_M2 = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Escalated:
-    """What was done to meet a bound.
+    """The result of meeting a bound.
 
     Parameters
     ----------
@@ -36,19 +36,19 @@ class Escalated:
         One row; measured and error include the polish.
     tried : tuple of str
         Methods in the order in which they were tried; ``"polish"`` last where it was.
-    turns : (L, 3) float64 or None
+    rotation_vectors : (L, 3) float64 or None
         The polish: rotation vectors of the chain's joints at the effector's keytime.
     """
 
     blend: Blend
     tried: tuple[str, ...]
-    turns: F64 | None
+    rotation_vectors: F64 | None
 
 
 def escalate(evaluator: Evaluator, adverbs: F64, max_error: float, *, method: str | None = None) -> Escalated:
-    """Weights at adverbs (1, D) whose error is at most ``max_error``, if anything can do it.
+    """Weights at adverbs (1, D) whose error is at most ``max_error``, if any method can.
 
-    A method that is asked for is where the ladder starts; otherwise it starts at its foot.
+    A given method is where the ladder starts; otherwise it starts at its foot.
     """
     rungs = LADDER[LADDER.index(method) :] if method in LADDER else ((method,) if method else LADDER)
     tried: list[str] = []
@@ -60,34 +60,34 @@ def escalate(evaluator: Evaluator, adverbs: F64, max_error: float, *, method: st
         tried.append(rung)
         if best is None or not blend.error[0] >= best.error[0]:
             best = blend
-        if not blend.error[0] > max_error:  # NaN, where nothing is measured, is as good as it gets
+        if not blend.error[0] > max_error:  # NaN, where nothing is measured, has no better method
             return Escalated(blend, tuple(tried), None)
     assert best is not None  # every ladder has a rung that every verb can take
     if evaluator.verb.measure.kind != measures.POSITION:
         return Escalated(best, tuple(tried), None)
-    blend, turns = polish(evaluator, best, adverbs)
-    return Escalated(blend, (*tried, "polish"), turns)
+    blend, vectors = polish(evaluator, best, adverbs)
+    return Escalated(blend, (*tried, "polish"), vectors)
 
 
 def polish(evaluator: Evaluator, blend: Blend, adverbs: F64, *, limit_rad: float = TURN_LIMIT_RAD) -> tuple[Blend, F64]:
-    """Turn the joints of a blend's chain (one row) until the effector meets adverbs (1, D) at its keytime.
+    """Rotate the joints of a blend's chain (one row) until the effector meets adverbs (1, D) at its keytime.
 
-    Returns the blend with what is reached now, and the turns (L, 3) in radians, none above ``limit_rad``.
+    Returns the blend as it is measured then, and rotation vectors (L, 3) in radians, none above ``limit_rad``.
     """
     verb, goal = evaluator.verb, evaluator.goal
     chain = verb.skeleton.chain(verb.measure.effector)[:-1]
     at_keytime = evaluator.pose_of(blend, phase=float(verb.phases[verb.measure.keytime]))
     locals_ = np.ascontiguousarray(at_keytime.rotations[0, chain])
-    turns, target = np.empty((len(chain), 3)), goal.points(adverbs)[0]
-    polish_kernel(at_keytime.root[0], locals_, goal.chain.offsets, target, limit_rad, DAMPING_M2, turns)
+    vectors, target = np.empty((len(chain), 3)), goal.points(adverbs)[0]
+    polish_kernel(at_keytime.root[0], locals_, goal.chain.offsets, target, limit_rad, DAMPING_M2, vectors)
     rotations = at_keytime.rotations.copy()
-    rotations[0, chain] = quat.mul(locals_, quat.exp(turns))
-    _, places = evaluator.positions(replace(at_keytime, rotations=rotations))
-    measured, error = goal.compare(adverbs, places[:, verb.measure.effector])
-    return replace(blend, measured=measured, error=error), turns
+    rotations[0, chain] = quat.mul(locals_, quat.exp(vectors))
+    _, positions = evaluator.positions(replace(at_keytime, rotations=rotations))
+    measured, error = goal.compare(adverbs, positions[:, verb.measure.effector])
+    return replace(blend, measured=measured, error=error), vectors
 
 
-def apply_polish(evaluator: Evaluator, shown: Poses, turns: F64) -> Poses:
+def apply_polish(evaluator: Evaluator, poses: Poses, rotation_vectors: F64) -> Poses:
     """Poses with a polish: whole at the effector's keytime, fading to nothing at the neighbouring keytimes."""
     verb = evaluator.verb
     chain = verb.skeleton.chain(verb.measure.effector)[:-1]
@@ -95,12 +95,12 @@ def apply_polish(evaluator: Evaluator, shown: Poses, turns: F64) -> Poses:
     centre = marks[middle]
     start = marks[middle - 1] if middle > 0 else centre - 1.0
     end = marks[middle + 1] if middle + 1 < len(marks) else centre + 1.0
-    way = np.where(
-        shown.phase < centre, (centre - shown.phase) / (centre - start), (shown.phase - centre) / (end - centre)
+    distance = np.where(
+        poses.phase < centre, (centre - poses.phase) / (centre - start), (poses.phase - centre) / (end - centre)
     )
-    u = np.clip(way, 0.0, 1.0)
+    u = np.clip(distance, 0.0, 1.0)
     share = 1.0 - u * u * u * (10.0 + u * (6.0 * u - 15.0))  # minimum jerk: no jump in speed or acceleration
-    rotations = shown.rotations.copy()
-    extra = quat.exp(share[:, None, None] * turns)
+    rotations = poses.rotations.copy()
+    extra = quat.exp(share[:, None, None] * rotation_vectors)
     rotations[:, chain] = quat.mul(rotations[:, chain], extra)
-    return replace(shown, rotations=rotations)
+    return replace(poses, rotations=rotations)

@@ -1,4 +1,4 @@
-"""Ask a verb: adverbs and phase in; poses, what they reach, and how far that is from what was asked, out."""
+"""Evaluation of a verb: adverbs and phase to weights, poses, measured adverbs and error."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ __all__ = ["Blend", "Evaluator", "Poses"]
 _clamp, _resolve, _corrected_position = direct(charts.clamp), direct(timing.resolve), direct(corrected_position)
 
 MAX_CYCLES = 1_000.0
-"""Farthest that a looping motion may be asked for, in cycles."""
+"""Largest phase of a looping motion, in cycles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blend:
-    """What adverbs come to: weights, and what these reach.
+    """Weights at adverbs, and what the blend measures.
 
     Parameters
     ----------
@@ -44,9 +44,9 @@ class Blend:
     measured : (B, m) float64
         Measured adverbs, in the order of ``verb.measure.axes``.
     error : (B,) float64
-        Distance between what was asked and what is reached, in the measure's unit; NaN where nothing is measured.
+        Distance between goal and measured point, in the measure's unit; NaN where nothing is measured.
     clamped : (B,) bool
-        True where the adverbs lay so far outside the domain that they were drawn back.
+        True where the adverbs were so far outside the domain that they were moved back.
     """
 
     method: str
@@ -85,7 +85,7 @@ class Poses:
 
 
 class Evaluator:
-    """A verb made ready to be asked, by any number of threads at once.
+    """A verb prepared for evaluation, by any number of threads at once.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Evaluator:
         return chosen, self._method(chosen)
 
     def _follow_window(self) -> tuple[float, float] | None:
-        """Phases (from, to) at which a held pose can follow its goal; None where that cannot be."""
+        """Phases (from, to) at which a paused pose can follow its goal; None where none can."""
         if "corrected" not in methods.usable(self.verb):
             return None
         method = self._method("corrected")
@@ -140,7 +140,7 @@ class Evaluator:
             if all(len(row) == len(names) for row in rows):
                 return self.check(np.array([[row[name] for name in names] for row in rows], np.float64))
         except KeyError:
-            pass  # said below, by name
+            pass  # reported below, by name
         for row in rows:
             for name in row:
                 if name not in names:
@@ -149,7 +149,7 @@ class Evaluator:
         raise RequestError(f"missing adverb {missing}; this verb needs {', '.join(names)}")
 
     def check(self, adverbs: F64) -> F64:
-        """Adverbs as a C-contiguous (B, D) array; :class:`OutOfRange` where one is not finite or the shape is off."""
+        """Adverbs as a C-contiguous (B, D) array; :class:`OutOfRange` where one is not finite or the shape is wrong."""
         adverbs = np.ascontiguousarray(adverbs, np.float64)
         names = self._names
         if adverbs.ndim != 2 or adverbs.shape[1] != len(names):
@@ -164,7 +164,7 @@ class Evaluator:
         return adverbs
 
     def blend(self, adverbs: F64, *, method: str | None = None) -> Blend:
-        """Weights at adverbs (B, D), and what they reach."""
+        """Weights at adverbs (B, D), measured adverbs and error."""
         return self._blend(self.check(adverbs), method)
 
     def _blend(self, adverbs: F64, method: str | None) -> Blend:
@@ -185,14 +185,14 @@ class Evaluator:
         return Blend("corrected", out.weights, out.measured, out.error, out.moved > 0)
 
     def measure(self, method: str, weights: F64, adverbs: F64, clamped: npt.NDArray[np.bool_]) -> Blend:
-        """Measure what weights (B, N) reach against what adverbs (B, D) ask."""
+        """Measure weights (B, N), and compare them with the goals of adverbs (B, D)."""
         if not self.goal.measurable:
             return Blend(method, weights, np.zeros((len(weights), 0)), np.full(len(weights), np.nan), clamped)
         measured, error = self.goal.compare(adverbs, self.goal.measured(weights))
         return Blend(method, weights, measured, error, clamped)
 
     def clamp(self, adverbs: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
-        """Adverbs (B, D) drawn back to the domain's surroundings, and where that moved them (B,)."""
+        """Adverbs (B, D) moved back to the domain's surroundings, and where that moved them (B,)."""
         out, moved = np.empty_like(adverbs), np.empty(len(adverbs))
         _clamp(adverbs, self.verb.domain.arrays, out, moved)
         return out, moved > 0
@@ -213,7 +213,7 @@ class Evaluator:
         phase : float or (B,) array, optional
             0 to 1; a looping verb's may go on past 1.
         time_s : float or (B,) array, optional
-            Seconds from the start; past the end of a motion its last pose holds.
+            Seconds from the start; past the end of a motion its last pose.
         method : str, optional
 
         Raises
@@ -261,15 +261,15 @@ class Evaluator:
 
     def positions(self, poses: Poses) -> tuple[F64, F64]:
         """Global rotations (B, J, 4) and joint positions (B, J, 3) of poses."""
-        turns, places = np.empty_like(poses.rotations), np.empty((*poses.rotations.shape[:2], 3))
+        global_rotations, positions = np.empty_like(poses.rotations), np.empty((*poses.rotations.shape[:2], 3))
         skeleton = self.verb.skeleton
-        kernels.forward(poses.root, poses.rotations, skeleton.parents, skeleton.offsets, turns, places)
-        return turns, places
+        kernels.forward(poses.root, poses.rotations, skeleton.parents, skeleton.offsets, global_rotations, positions)
+        return global_rotations, positions
 
     def warm(self) -> None:
-        """Compile or load every kernel that a request may need, so that no request waits for one."""
+        """Compile or load every kernel that a request may need."""
         for name in methods.usable(self.verb):
-            with suppress(VerbError):  # a method that this verb cannot have says so when it is asked for
+            with suppress(VerbError):  # a method that fails for this verb reports it when it is used
                 self.blend(self.verb.values[:1], method=name)
         self.follow_window()
         poses = self.pose(self.verb.values[:1], phase=0.0)

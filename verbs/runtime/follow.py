@@ -1,4 +1,4 @@
-"""The follow window: phases around the effector's keytime at which a held pose can be on a moving goal.
+"""The follow window: phases around the effector's keytime at which a paused pose can be on a moving goal.
 
 Away from its keytime the examples' effectors nearly coincide, and weights that reach a goal there would be huge. The
 window is where they are not: where, over points of the domain, they stay within :data:`GROWTH` of those at the keytime.

@@ -1,4 +1,4 @@
-"""Whole motions: poses at a fixed rate, for adverbs that stay or that change on the way."""
+"""Whole motions: poses at a fixed rate, at constant adverbs, or at adverbs that change during the motion."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_FPS = 240.0
 MAX_CYCLES = 100
 
 _SLACK = 1e-6  # of a frame: a duration of 2 s ends on frame 60 at 30 fps however its sum was rounded
-_CHUNK = 256  # frames that a track is looked ahead at a time: its end is known only when it is reached
+_CHUNK = 256  # frames of a track per step: its end is known only when it comes
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ def sequence(
 ) -> Poses:
     """A whole motion at constant adverbs (1, D): frames at 0, 1/fps, … up to the end.
 
-    The last frame stands at floor(duration · fps) / fps, the last one that is not past the end.
+    The last frame is at floor(duration · fps) / fps, the last one that is not past the end.
 
     Parameters
     ----------
@@ -90,9 +90,9 @@ def tracked(
     method: str | None = None,
     max_frames: int = MAX_FRAMES,
 ) -> Poses:
-    """A whole motion whose adverbs change on the way.
+    """A whole motion whose adverbs change during it.
 
-    Adverbs run linearly between the track's times and hold before and after. Each frame has its own weights; phase
+    Adverbs are linear between the track's times and constant before and after. Each frame has its own weights; phase
     advances by dσ/dt = 1 / t'(σ; w), integrated with the weights of each frame interval's middle, so that a track
     that does not change gives :func:`sequence`.
 
@@ -128,10 +128,10 @@ def tracked(
 
 
 def events(evaluator: Evaluator, poses: Poses) -> list[Event]:
-    """Keytimes that pass within a sequence, in order.
+    """Keytimes within a sequence, in order.
 
-    A motion's last keytime counts, although its last frame may stand a little before it. Times are exact where the
-    adverbs stay, and interpolated between frames where they change.
+    A motion's last keytime counts, although its last frame may be a little before it. Times are exact where
+    adverbs are constant, and interpolated between frames where they change.
     """
     verb, last = evaluator.verb, float(poses.phase[-1])
     marks = [

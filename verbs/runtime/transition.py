@@ -1,6 +1,6 @@
-"""From one verb to the next: whether it can be, at which phase the next one starts, and where its root stands.
+"""Transitions between verbs: skeleton check, start phase and root position of the next verb.
 
-How joints pass from one to the other is in :mod:`verbs.kernels.inertialization`.
+The offsets of joints are in :mod:`verbs.kernels.inertialization`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from verbs.conventions import F64
 from verbs.errors import SkeletonMismatch
 from verbs.verb import Verb
 
-__all__ = ["check_skeletons", "heading", "placed", "start_phase"]
+__all__ = ["aligned", "check_skeletons", "heading", "start_phase"]
 
 
 def check_skeletons(source: Verb, target: Verb) -> None:
@@ -27,7 +27,7 @@ def check_skeletons(source: Verb, target: Verb) -> None:
 
 
 def start_phase(source: Verb, phase: float, target: Verb, *, speed: float = 1.0) -> float:
-    """Phase at which a target goes on from a source's phase.
+    """Phase at which a target continues from a source's phase.
 
     Where both loop and name the same keytimes, phases between these correspond: left stance to left stance. Otherwise
     the target starts at its start, or at its end if it is played backwards.
@@ -45,7 +45,7 @@ def start_phase(source: Verb, phase: float, target: Verb, *, speed: float = 1.0)
 def _corresponding(phase: float, pairs: F64) -> float:
     """Phase (0 to 1) that corresponds on the second circle, given pairs (P, 2) that rise on the first."""
     steps = np.diff(np.append(pairs[:, 1], pairs[0, 1])) % 1.0
-    steps[steps == 0.0] = 1.0  # one pair alone is a whole turn away from itself
+    steps[steps == 0.0] = 1.0  # one pair alone is a whole cycle away from itself
     if steps.sum() > 1.5:  # their order differs: only the first one counts
         pairs, steps = pairs[:1], np.ones(1)
     firsts = np.append(pairs[:, 0], pairs[0, 0] + 1.0)
@@ -55,12 +55,12 @@ def _corresponding(phase: float, pairs: F64) -> float:
 
 
 def heading(rotation: F64) -> float:
-    """Turn about +Y (rad) of a rotation (4,): how a root faces."""
+    """Heading (rad), about +Y, of a root rotation (4,)."""
     return 2.0 * math.atan2(float(rotation[1]), float(rotation[3]))
 
 
-def placed(at: tuple[float, float, float], frame: F64) -> tuple[float, float, float]:
-    """Place (x, z, heading) of a motion whose first frame, root (x, z, heading), shall stand at ``at``."""
+def aligned(at: tuple[float, float, float], frame: F64) -> tuple[float, float, float]:
+    """Position (x, z, heading) of a motion whose first frame, root (x, z, heading), is to be at ``at``."""
     turn = at[2] - frame[2]
     cosine, sine = math.cos(turn), math.sin(turn)
     return (

@@ -51,8 +51,8 @@ def test_examples_stay_exact():
 def test_weights_are_those_of_the_basis_at_the_places_found():
     arm = library.load("arm3")
     method = Search.of_verb(arm, basis="smooth", iterations=2)
-    places = method.places(grid(arm))
-    np.testing.assert_array_equal(method.weights(grid(arm)), basis_weights(arm.bases["smooth"], places))
+    sources = method.sources(grid(arm))
+    np.testing.assert_array_equal(method.weights(grid(arm)), basis_weights(arm.bases["smooth"], sources))
     np.testing.assert_allclose(method.weights(grid(arm)).sum(axis=1), 1.0, atol=1e-9)
 
 
@@ -60,7 +60,7 @@ def test_places_lie_along_the_error():
     arm = library.load("arm3")
     points, method = grid(arm), Search.of_verb(arm)
     measured, _ = method.goal.compare(points, method.goal.measured(basis_weights(method.basis, points)))
-    moved, error = method.places(points) - points, points - measured
+    moved, error = method.sources(points) - points, points - measured
     lengths = (moved * error).sum(axis=1) / np.maximum((error**2).sum(axis=1), 1e-30)
     np.testing.assert_allclose(moved, lengths[:, None] * error, atol=1e-12)
     assert lengths.min() >= 0.0
@@ -81,15 +81,15 @@ def test_style_adverbs_stay_as_they_were_asked_for():
         bases={"rbf": bases.cardinal(chart, values)},
     )
     points = np.concatenate([grid(arm), np.full((41 * 41, 1), 0.4)], axis=1)
-    places = Search.of_verb(tired).places(points)
-    np.testing.assert_array_equal(places[:, 2], points[:, 2])
-    assert np.abs(places[:, :2] - points[:, :2]).max() > 0.01
+    sources = Search.of_verb(tired).sources(points)
+    np.testing.assert_array_equal(sources[:, 2], points[:, 2])
+    assert np.abs(sources[:, :2] - points[:, :2]).max() > 0.01
 
 
 def test_a_verb_that_nobody_can_measure_is_left_alone():
     verb = verb_at(np.random.default_rng(0).uniform(size=(9, 2)))
     points = np.random.default_rng(1).uniform(size=(5, 2))
-    np.testing.assert_array_equal(Search.of_verb(verb).places(points), points)
+    np.testing.assert_array_equal(Search.of_verb(verb).sources(points), points)
 
 
 def test_weights_do_not_depend_on_the_batch_or_the_thread():

@@ -24,7 +24,7 @@ def test_a_tight_bound_goes_on_until_it_is_met(reach):
     found = escalate(reach, GOAL, 1e-8)
     assert found.tried == ("rbf", "search", "corrected")
     assert found.blend.error[0] < 1e-8
-    assert found.turns is None
+    assert found.rotation_vectors is None
 
 
 def test_the_method_asked_for_is_where_it_starts(reach):

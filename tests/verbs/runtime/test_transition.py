@@ -9,7 +9,7 @@ import pytest
 from tests.verbs.living import FPS, STEP_S, accelerations, joints, own_peak, play
 from verbs import Characters, Evaluator, library
 from verbs.errors import OutOfRange, SkeletonMismatch
-from verbs.runtime.transition import check_skeletons, heading, placed, start_phase
+from verbs.runtime.transition import aligned, check_skeletons, heading, start_phase
 from verbs.skeleton import Skeleton
 
 GAITS = {"walk": (1.2, 0.0, 0.0), "jog": (2.2, 0.0, 0.0), "run": (3.5, 0.0, 0.0)}
@@ -334,7 +334,7 @@ def test_others_start_at_their_start(people_of):
 
 def test_a_place_is_met():
     at, frame = (1.0, 2.0, 0.7), np.array([0.3, -0.4, 0.2])
-    x, z, turn = placed(at, frame)
+    x, z, turn = aligned(at, frame)
     cosine, sine = np.cos(turn), np.sin(turn)
     met = x + frame[0] * cosine + frame[1] * sine, z - frame[0] * sine + frame[1] * cosine, turn + frame[2]
     np.testing.assert_allclose(met, at, atol=1e-12)

@@ -17,8 +17,10 @@ from verbs.kernels.compile import kernel
 @kernel
 def _compiled_loop(points, basis, out):
     """A compiled caller evaluates point by point, as a game's own loop would."""
-    for b in range(points.shape[0]):
-        radial_basis.evaluate(points[b : b + 1], basis, out)
+    _, function, degree, centers, radii, radial, poly = basis
+    row = np.empty(poly.shape[0])
+    for point in points:
+        radial_basis.evaluate_at(point, function, degree, centers, radii, radial, poly, row, out)
 
 
 def main() -> None:
@@ -31,7 +33,7 @@ def main() -> None:
     normal = (rows - basis.chart.shift) * basis.chart.scale
     interpolator = RBFInterpolator(basis.centers, np.eye(len(basis.centers)), kernel="linear", degree=1)
     three = Corrected.of_verb(verb, steps=3)
-    out = np.empty((1, len(verb.examples)))
+    out = np.empty(len(verb.examples))
     best = interleave(
         {
             "pose, 100 single, corrected": lambda: [evaluator.pose(one, phase=0.4) for _ in range(100)],

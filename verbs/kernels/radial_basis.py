@@ -33,6 +33,7 @@ __all__ = [
     "BasisArrays",
     "cardinal",
     "evaluate",
+    "evaluate_at",
     "features",
     "phi",
     "polynomial_matrix",
@@ -176,11 +177,11 @@ def evaluate(points: F64, basis: BasisArrays, out: F64) -> None:
     function, degree, centers, radii = basis.radial_basis, basis.degree, basis.centers, basis.radii
     radial, poly, row = basis.radial, basis.poly, np.empty(basis.poly.shape[0])
     for b in range(points.shape[0]):
-        _evaluate_at(points[b], function, degree, centers, radii, radial, poly, row, out[b])
+        evaluate_at(points[b], function, degree, centers, radii, radial, poly, row, out[b])
 
 
 @kernel
-def _evaluate_at(
+def evaluate_at(
     point: F64, function: int, degree: int, centers: F64, radii: F64, radial: F64, poly: F64, row: F64, out: F64
 ) -> None:
     """Weights (N,) at one point (D,); arrays as in :class:`BasisArrays`, ``row`` (L,) is scratch.
@@ -214,4 +215,4 @@ def cardinal(adverbs: F64, basis: BasisArrays, out: F64) -> None:
         to_chart(kind, axes, bend, adverbs[b], point)
         for a in range(point.shape[0]):
             point[a] = (point[a] - shift[a]) * scale[a]
-        _evaluate_at(point, function, degree, centers, radii, radial, poly, row, out[b])
+        evaluate_at(point, function, degree, centers, radii, radial, poly, row, out[b])

@@ -71,7 +71,7 @@ def _mink_solver(skeleton: Skeleton, root: np.ndarray) -> Callable[[np.ndarray],
 
 
 def _mink() -> Callable[[Skeleton, np.ndarray], Callable[[np.ndarray], tuple[float, int]]] | None:
-    """How to make a solver, or None, said so, where mink is not installed."""
+    """Factory of a solver; prints a note and returns None if mink is not installed."""
     try:
         import daqp
         import mink  # noqa: F401  (only whether it is there)

@@ -102,7 +102,7 @@ class Server:
         return self.http.post(path, **options).raise_for_status().json()
 
     def latencies_ms(self, seconds: float) -> list[float]:
-        """Milliseconds of poses that are asked for one after the other."""
+        """Milliseconds of poses that are requested one after the other."""
         found, end = [], time.perf_counter() + seconds
         while (began := time.perf_counter()) < end:
             self.http.post("/v1/verbs/reach/pose", json=POSE).raise_for_status()
@@ -115,9 +115,9 @@ class Server:
         load = Load(self.served.url, "reach", sockets=STREAMS)
         return run(load, seconds=seconds).lateness_ms.p99
 
-    def start(self, verb: str, **asked: object) -> str:
+    def start(self, verb: str, **requested: object) -> str:
         """Start a refinement; its path."""
-        return f"/v1/refinements/{self.post(f'/v1/verbs/{verb}/refinements', json=asked)['id']}"
+        return f"/v1/refinements/{self.post(f'/v1/verbs/{verb}/refinements', json=requested)['id']}"
 
 
 def interleaved(one: Server, *, rounds: int, seconds: float) -> list[str]:

@@ -1,6 +1,6 @@
 """CPU per request of the pose route, against a FastAPI route that validates the same body and answers constant bytes.
 
-Both run in this process, asked through the ASGI interface without sockets, so that only application code is counted;
+Both run in this process, called through the ASGI interface without sockets, so that only application code is counted;
 process time is measured, in turns, and the least of many rounds is taken.
 """
 

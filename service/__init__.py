@@ -1,4 +1,4 @@
-"""The network side; imported first by the command, so this is where NumPy's threads are told to stay one.
+"""HTTP and WebSocket service. Imported first by the command, so NumPy's number of threads is set here.
 
 Kernels run beside each other in one process; BLAS threads would spin against them and gain nothing at our sizes.
 """

@@ -53,7 +53,7 @@ def encode(
     ----------
     poses : Poses
     turns : (B, J, 4)
-        The rotations to send: in the space and of the joints that were asked for.
+        The rotations to send, in the requested space and of the requested joints.
     version : int
         The verb's.
     channels : (B,) int64 or int

@@ -197,7 +197,7 @@ def status(pid: int) -> list[str]:
 
 
 def lives(pid: int) -> bool:
-    """Whether a process runs; one whose end nobody has collected does not."""
+    """Whether a process runs; a zombie does not."""
     return status(pid)[0] not in "XZ"
 
 

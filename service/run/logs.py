@@ -14,7 +14,7 @@ __all__ = ["configure"]
 
 
 def configure(settings: Settings) -> None:
-    """Set up logging of this process; called once by whoever starts the server, never on import."""
+    """Set up logging of this process; called once at start, never on import."""
     shared: list[Processor] = [
         structlog.contextvars.merge_contextvars,
         structlog.processors.add_log_level,
@@ -44,6 +44,6 @@ def configure(settings: Settings) -> None:
     root = logging.getLogger()
     root.handlers[:] = [output]
     root.setLevel(settings.log_level.upper())
-    # numba and asyncio tell their inner life at debug level; nobody who debugs Adverb wants to read it.
+    # numba and asyncio log internals at debug level, which would hide the log of Adverb.
     for name in ("numba", "asyncio"):
         logging.getLogger(name).setLevel(logging.WARNING)

@@ -105,7 +105,7 @@ def run(
         server = Server(config_of(app, settings), app.state.server.hub)
         server.run(sockets=[listener])
     if server.failed:
-        raise CannotServe("verbs cannot be loaded and kept up to date; the log says why")
+        raise CannotServe("verbs cannot be loaded and kept up to date; see the log")
 
 
 def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:

@@ -274,7 +274,7 @@ class Hub:
     # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
 
     def set_catalog(self, catalog: Catalog) -> None:
-        """Let characters go on, from the next tick, with the verbs of a new catalog where these are other versions."""
+        """Continue characters, from the next tick on, with the versions of a new catalog."""
         self._next_catalog = catalog
         self._wake.set()
 

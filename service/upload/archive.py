@@ -1,4 +1,4 @@
-"""Uploads unpacked: a zip of a verb source becomes a folder, or an error that says what is wrong with it."""
+"""Unpacking of zipped verb sources, with limits on size, number and paths of files."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ async def _started() -> asyncio.subprocess.Process:
         if not line:  # also where this is cancelled: nothing else refers to the process
             await _kill(process)
     if not line:
-        raise BadUpload("the process that reads uploads did not start; the server's log says more")
+        raise BadUpload("the process that reads uploads did not start; see the server's log")
     return process
 
 

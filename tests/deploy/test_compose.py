@@ -49,8 +49,8 @@ def test_nothing_is_left_to_interpolate(compose):
 
 
 def test_secrets_have_to_be_set_and_are_in_the_example():
-    asked = set(re.findall(r"\$\{(\w+):\?", TEXT))
-    assert asked == SECRETS
+    requested = set(re.findall(r"\$\{(\w+):\?", TEXT))
+    assert requested == SECRETS
     example = (PROJECT / "deploy" / "env.example").read_text(encoding="utf-8")
     assert {name for name in SECRETS if f"\n{name}=\n" in example} == SECRETS
     optional = set(re.findall(r"\$\{(\w+):-", TEXT))

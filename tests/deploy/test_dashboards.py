@@ -50,10 +50,10 @@ def test_what_a_panel_asks_for_exists(kinds, labels, title, query):
 
 
 def test_each_metric_is_shown(kinds):
-    """Whoever adds a metric shows it, or says here why not."""
+    """Each metric is on the dashboard, or listed here as an exception."""
     shown = " ".join(query for _, query in QUERIES)
     own = {name for name in kinds if name.startswith("adverb_")}
-    assert {name for name in own if name not in shown} == {"adverb_verb_files_skipped"}  # told by /readyz
+    assert {name for name in own if name not in shown} == {"adverb_verb_files_skipped"}  # reported by /readyz
 
 
 def test_the_dashboard_is_provisioned():

@@ -34,7 +34,7 @@ def anyio_backend() -> str:
 
 @dataclass
 class Process:
-    """A server or a worker, and what it says."""
+    """A server or a worker, and its output."""
 
     process: Started
     file: Path
@@ -126,15 +126,15 @@ def test_an_upload_through_one_server_is_served_by_the_other(cluster, tmp_path):
 
 
 async def test_a_refinement_outlives_its_worker_and_reaches_every_server(cluster, client):
-    asked = {"max_pseudo": 400, "target_error": 1e-6}
+    requested = {"max_pseudo": 400, "target_error": 1e-6}
     async with open_stream(SimpleNamespace(url=cluster.b.base.replace("http", "ws") + "/v1/stream")) as stream:
         await stream.open(1, "arm3", adverbs={"x": 0.4, "y": 0.3}, method="rbf")
         reading = asyncio.create_task(stream.until("version"))
-        job = (await client.post(f"{cluster.a.base}/v1/verbs/arm3/refinements", json=asked)).json()["id"]
+        job = (await client.post(f"{cluster.a.base}/v1/verbs/arm3/refinements", json=requested)).json()["id"]
         dead, other = await asyncio.to_thread(killed, cluster, job)
-        told = await asyncio.wait_for(reading, PATIENCE_S)
+        reply = await asyncio.wait_for(reading, PATIENCE_S)
         await stream.poses(3)
-    assert told["version"] == 2
+    assert reply["version"] == 2
     assert stream.frames[-1].of(1).version == 2
     until(lambda: version(cluster.a, "arm3") == version(cluster.b, "arm3") == 2, seconds=SOON_S)
     row = (await client.get(f"{cluster.b.base}/v1/refinements/{job}")).json()

@@ -19,14 +19,14 @@ JSON = {"Content-Type": "application/json"}
 def problem(answer: httpx.Response, status: int, code: str) -> dict:
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
-    told = answer.json()
-    assert told["code"] == code
-    assert told["status"] == status
-    assert told["type"] == f"/docs#{code}"
-    assert told["title"] == errors.PROBLEMS[code].title
-    assert told["detail"]
+    reply = answer.json()
+    assert reply["code"] == code
+    assert reply["status"] == status
+    assert reply["type"] == f"/docs#{code}"
+    assert reply["title"] == errors.PROBLEMS[code].title
+    assert reply["detail"]
     assert answer.headers["x-request-id"]
-    return told
+    return reply
 
 
 async def post(client, verb="arm3", route="pose", **body) -> httpx.Response:
@@ -43,36 +43,36 @@ async def test_an_unknown_version_names_the_known_one(client):
 
 
 async def test_an_unknown_adverb_names_the_known_ones(client):
-    told = problem(await post(client, adverbs={"x": 0.1, "q": 0.2}), 422, "unknown_adverb")
-    assert told["known"] == ["x", "y"]
-    assert "'q'" in told["detail"]
+    reply = problem(await post(client, adverbs={"x": 0.1, "q": 0.2}), 422, "unknown_adverb")
+    assert reply["known"] == ["x", "y"]
+    assert "'q'" in reply["detail"]
 
 
 async def test_a_missing_adverb_is_named(client):
-    told = problem(await post(client, adverbs={"x": 0.1}), 422, "bad_request")
-    assert "missing adverb y" in told["detail"]
+    reply = problem(await post(client, adverbs={"x": 0.1}), 422, "bad_request")
+    assert "missing adverb y" in reply["detail"]
 
 
 async def test_an_unknown_joint_names_the_known_ones(client, catalog):
-    told = problem(await post(client, adverbs=ARM, joints=["Knee"]), 422, "unknown_joint")
-    assert told["known"] == list(catalog.entry("arm3").verb.skeleton.names)
+    reply = problem(await post(client, adverbs=ARM, joints=["Knee"]), 422, "unknown_joint")
+    assert reply["known"] == list(catalog.entry("arm3").verb.skeleton.names)
 
 
 async def test_more_joints_than_there_are_is_refused(client):
-    told = problem(await post(client, adverbs=ARM, joints=["Tip"] * 9), 422, "out_of_range")
-    assert "1 to 4 joints" in told["detail"]
+    reply = problem(await post(client, adverbs=ARM, joints=["Tip"] * 9), 422, "out_of_range")
+    assert "1 to 4 joints" in reply["detail"]
 
 
 async def test_an_unknown_method_names_those_of_the_verb(client):
-    told = problem(await post(client, verb="sway", adverbs=SWAY, method="magic"), 422, "unknown_method")
-    assert "rbf" in told["known"]
+    reply = problem(await post(client, verb="sway", adverbs=SWAY, method="magic"), 422, "unknown_method")
+    assert "rbf" in reply["known"]
 
 
 @pytest.mark.parametrize("literal", ["NaN", "Infinity", "-Infinity", "1e999", "null", '"0.3"', "true", "[0.3]"])
 async def test_an_adverb_that_is_no_finite_number_is_refused(client, literal):
     text = f'{{"adverbs": {{"x": {literal}, "y": 0.1}}}}'
-    told = problem(await client.post("/v1/verbs/arm3/pose", content=text, headers=JSON), 422, "invalid_request")
-    assert told["errors"][0]["at"] == "adverbs.x"
+    reply = problem(await client.post("/v1/verbs/arm3/pose", content=text, headers=JSON), 422, "invalid_request")
+    assert reply["errors"][0]["at"] == "adverbs.x"
 
 
 async def test_a_huge_adverb_is_out_of_range(client):
@@ -81,24 +81,24 @@ async def test_a_huge_adverb_is_out_of_range(client):
 
 @pytest.mark.parametrize("phase", [1.0001, 7.0])
 async def test_a_phase_past_the_end_says_its_bounds(client, phase):
-    told = problem(await post(client, adverbs=ARM, phase=phase), 422, "out_of_range")
-    assert "between 0 and 1" in told["detail"]
+    reply = problem(await post(client, adverbs=ARM, phase=phase), 422, "out_of_range")
+    assert "between 0 and 1" in reply["detail"]
 
 
 async def test_a_phase_below_zero_is_refused(client):
-    told = problem(await post(client, adverbs=ARM, phase=-0.1), 422, "invalid_request")
-    assert told["errors"] == [{"at": "phase", "problem": "Input should be greater than or equal to 0"}]
+    reply = problem(await post(client, adverbs=ARM, phase=-0.1), 422, "invalid_request")
+    assert reply["errors"] == [{"at": "phase", "problem": "Input should be greater than or equal to 0"}]
 
 
 async def test_phase_and_time_together_are_refused(client):
-    told = problem(await post(client, adverbs=ARM, phase=0.1, time=0.1), 422, "bad_request")
-    assert "not both" in told["detail"]
+    reply = problem(await post(client, adverbs=ARM, phase=0.1, time=0.1), 422, "bad_request")
+    assert "not both" in reply["detail"]
 
 
 async def test_an_unknown_field_names_the_known_ones(client):
-    told = problem(await post(client, adverbs=ARM, fase=0.1), 422, "invalid_request")
-    assert "fase" in told["detail"]
-    assert "phase" in told["detail"]
+    reply = problem(await post(client, adverbs=ARM, fase=0.1), 422, "invalid_request")
+    assert "fase" in reply["detail"]
+    assert "phase" in reply["detail"]
 
 
 async def test_what_was_sent_is_not_repeated(client):
@@ -107,8 +107,8 @@ async def test_what_was_sent_is_not_repeated(client):
 
 
 async def test_many_mistakes_are_listed_up_to_a_bound(client):
-    told = problem(await post(client, route="poses", items=[{"a": 1}] * 100), 422, "invalid_request")
-    assert len(told["errors"]) == 16
+    reply = problem(await post(client, route="poses", items=[{"a": 1}] * 100), 422, "invalid_request")
+    assert len(reply["errors"]) == 16
 
 
 @pytest.mark.parametrize("text", ["", "{", "nope", '{"adverbs": {"x": 1,}}', "\ufeff{}", "[" * 5_000])

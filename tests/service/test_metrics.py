@@ -114,5 +114,5 @@ async def test_event_loop_lateness_is_watched(app):
     async with app.router.lifespan_context(app):
         metrics = app.state.server.metrics
         name = "adverb_event_loop_lateness_seconds_count"
-        while metrics.registry.get_sample_value(name) == 0:  # noqa: ASYNC110 - metrics tell nobody
+        while metrics.registry.get_sample_value(name) == 0:  # noqa: ASYNC110 - metrics have no event
             await anyio.sleep(0.01)

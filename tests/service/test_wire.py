@@ -1,4 +1,4 @@
-"""Binary records are laid out as docs/wire.md says."""
+"""Binary records have the layout of docs/wire.md."""
 
 import struct
 

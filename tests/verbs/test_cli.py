@@ -96,7 +96,7 @@ def test_export_writes_a_motion_that_reaches_the_goal(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (["info", "nobody"], UnknownName, "unknown verb 'nobody'; known: arm3, board, reach"),
+        (["info", "unknown"], UnknownName, "unknown verb 'unknown'; known: arm3, board, reach"),
         (["pose", "arm3", "--at", "x=one"], OutOfRange, "write name=value"),
         (["pose", "arm3", "--at", "x=0.1,y=0.1", "--method", "magic"], UnknownName, "unknown method 'magic'"),
         (["export", "arm3", *AT, "-o", "m", "--format", "fbx"], RequestError, "'fbx' is not supported; known: bvh"),
@@ -113,11 +113,11 @@ def test_a_user_error_is_typed(arguments, error, message):
 
 
 def test_a_user_error_is_one_line_and_exit_code_1(capsys, monkeypatch):
-    monkeypatch.setattr("sys.argv", ["adverb", "info", "nobody"])
+    monkeypatch.setattr("sys.argv", ["adverb", "info", "unknown"])
     with pytest.raises(SystemExit) as left:
         run(app)
     assert left.value.code == 1
-    assert capsys.readouterr().err.startswith("error: unknown verb 'nobody'")
+    assert capsys.readouterr().err.startswith("error: unknown verb 'unknown'")
 
 
 def test_wrong_usage_is_exit_code_2():

@@ -136,7 +136,7 @@ class Inverse:
         ----------
         adverbs : (B, D) float64
         start : (N,) or (B, N) float64, optional
-            Earlier weights to go on from, for instance those of the frame before. The result is never worse than
+            Initial weights, for instance those of the previous frame. The result is never worse than
             either they or the result without them; where they lead to the goal it is also sooner found.
 
         Raises

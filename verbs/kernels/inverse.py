@@ -355,7 +355,7 @@ def solve(
     targets : (B, P, 3) float64
     means : (B, V) float64
     start : (B, N) or (0, N) float64
-        Earlier weights to go on from, on the simplex; the examples that they use take part as well.
+        Initial weights on the simplex; the examples that they use take part as well.
     enough : float
         If the sum of squares from ``start`` stays above this, the usual start is tried too, and the better counts.
     """

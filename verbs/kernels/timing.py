@@ -23,7 +23,7 @@ class Instants(NamedTuple):
     Parameters
     ----------
     phase, time_s : (B,) float64
-        Unwrapped phase: a loop's goes on past 1 (1.5 is the middle of the second cycle). Seconds since the start.
+        Unwrapped phase, beyond 1 in further cycles of a loop; seconds since the start.
     duration_s, rate : (B,) float64
         Seconds per cycle, and seconds per unit of phase there.
     """

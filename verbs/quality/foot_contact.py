@@ -35,7 +35,7 @@ ON_M_S, ON_M = 0.15, 0.05
 """A stance has a frame in which the toe is slower than this, and less than this above the floor."""
 
 OFF_M_S, OFF_M = 0.30, 0.07
-"""It goes on, forwards and backwards, as long as the toe is slower than this and less than this above the floor."""
+"""A contact extends, forwards and backwards, while the toe is slower than this and less than this above the floor."""
 
 SHORTEST_GAP_S, SHORTEST_S = 0.060, 0.100
 """Gaps shorter than the first are closed, then stances shorter than the second dropped."""

@@ -64,7 +64,7 @@ class Poses:
     ----------
     blend : Blend
     phase : (B,) float64
-        Canonical time; a loop's goes on past 1.
+        Canonical time; beyond 1 in further cycles of a loop.
     time_s, duration_s : (B,) float64
         Seconds since the start, and seconds per motion or cycle.
     root : (B, 3) float64
@@ -211,7 +211,7 @@ class Evaluator:
         ----------
         adverbs : mapping, sequence of mappings, or (B, D) array
         phase : float or (B,) array, optional
-            0 to 1; a looping verb's may go on past 1.
+            0 to 1; beyond 1 for further cycles of a looping verb.
         time_s : float or (B,) array, optional
             Seconds from the start; past the end of a motion its last pose.
         method : str, optional

@@ -27,7 +27,7 @@ _CHUNK = 256  # frames of a track per step: its end is known only when it comes
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A keytime that passes: its name, its phase (a loop's goes on past 1) and its time in seconds."""
+    """A keytime of a motion: name, phase (beyond 1 in further cycles) and time in seconds."""
 
     name: str
     phase: float

@@ -263,7 +263,7 @@ async def _leave(actor: ChaosClient) -> None:
 
 
 async def _dream(actor: ChaosClient) -> None:
-    actor.client.resume("nobody", Track())
+    actor.client.resume("unknown", Track())
 
 
 async def _steal(actor: ChaosClient) -> None:

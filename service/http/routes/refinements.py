@@ -126,10 +126,10 @@ async def follow(request: Request, id: str) -> Response:
 
 
 async def _events(known: Refinements, job: Job) -> AsyncIterator[bytes]:
-    said, quiet = 0.0, 0
+    sent_at_s, quiet = 0.0, 0
     while True:
-        if job.updated_at_s != said:
-            said, quiet = job.updated_at_s, 0
+        if job.updated_at_s != sent_at_s:
+            sent_at_s, quiet = job.updated_at_s, 0
             name = b"end" if job.state in ENDED else b"progress"
             yield b"event: " + name + b"\ndata: " + orjson.dumps(_told(job)) + b"\n\n"
         elif quiet * FOLLOW_S >= 15:

@@ -11,7 +11,7 @@ from adverb_client import Backoff, Stream
 from service.catalog import catalog as catalogs
 from service.catalog.catalog import Catalog
 from tests.clients.python.fake import FakeServer, running
-from tests.clients.python.served import serving
+from tests.clients.python.served import serve
 
 
 @pytest.fixture(scope="session")
@@ -28,7 +28,7 @@ def catalog() -> Catalog:
 @pytest.fixture(scope="session")
 def address(catalog) -> Iterator[str]:
     """Address of a real server."""
-    with serving(catalog) as address:
+    with serve(catalog) as address:
         yield address
 
 

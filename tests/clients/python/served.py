@@ -16,7 +16,7 @@ from service.stream import packing
 
 
 @contextmanager
-def serving(catalog: Catalog) -> Iterator[str]:
+def serve(catalog: Catalog) -> Iterator[str]:
     """Serve a catalog on a free port; gives the address."""
     settings = Settings()
     app = create_app(settings)

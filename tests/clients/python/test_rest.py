@@ -175,13 +175,13 @@ def test_the_blocking_client_over_a_socket(address):
 
 def answering(*answers: httpx.Response) -> tuple[Client, list[float], list[httpx.Request]]:
     """A client with given responses, its delays and its requests."""
-    left, slept, asked = list(answers), [], []
+    left, slept, requested = list(answers), [], []
 
     def handle(request: httpx.Request) -> httpx.Response:
-        asked.append(request)
+        requested.append(request)
         return left.pop(0)
 
-    return Client("http://a", transport=httpx.MockTransport(handle), sleep=slept.append, api_key="k"), slept, asked
+    return Client("http://a", transport=httpx.MockTransport(handle), sleep=slept.append, api_key="k"), slept, requested
 
 
 BUSY = {"code": "overloaded", "status": 503, "detail": "busy", "title": "Overloaded"}
@@ -192,10 +192,10 @@ def busy(after: str = "1") -> httpx.Response:
 
 
 def test_status_503_is_retried_after_the_requested_delay_within_bounds():
-    client, slept, asked = answering(busy("1"), busy("3600"), httpx.Response(200, json={"verbs": []}))
+    client, slept, requested = answering(busy("1"), busy("3600"), httpx.Response(200, json={"verbs": []}))
     assert client.verbs() == ()
     assert slept == [1.0, 2.0]
-    assert asked[0].headers["authorization"] == "Bearer k"
+    assert requested[0].headers["authorization"] == "Bearer k"
 
 
 def test_a_server_that_stays_overloaded_is_an_error():

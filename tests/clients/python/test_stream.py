@@ -231,14 +231,14 @@ async def test_a_reused_channel_number_shows_no_pose_of_the_old_channel(stream, 
     first = await stream.open("reach", adverbs=AT)
     fake.mute = {"close", "open"}  # its records continue, like those in flight
     await stream.close_channel(first)
-    asked = asyncio.create_task(stream.open("reach", number=first.number, encoding="weights", timeout_s=1.0))
+    requested = asyncio.create_task(stream.open("reach", number=first.number, encoding="weights", timeout_s=1.0))
     count = stream.stats.messages
     await until(lambda: stream.stats.messages > count + 5)
     again = stream.channels[first.number]
     assert again is not first
     assert again.pose() is None
     with pytest.raises(TimedOut):
-        await asked
+        await requested
 
 
 async def test_keytimes_and_ends_are_events(stream):

@@ -64,10 +64,10 @@ async def test_a_server_that_is_killed_in_an_upload_leaves_nothing_half_done(war
             await eventually(lambda: any(path.stat().st_size == len(content) for path in (data / "uploads").iterdir()))
             one.kill()
             half.cancel()  # it would wait for its own end
-            _, told = await asyncio.gather(half, whole, return_exceptions=True)
+            _, reply = await asyncio.gather(half, whole, return_exceptions=True)
             await eventually(lambda: not any(map(lives, one.worker)))
             assert all(map(lives, other.worker))
-            await consistent(beside, published=not isinstance(told, httpx.HTTPError))
+            await consistent(beside, published=not isinstance(reply, httpx.HTTPError))
             again = await beside.post("/v1/verbs", content=content, headers={"Content-Type": ZIP})
             assert again.status_code == 201, again.text
         one = Started(warm, data, tmp_path / "again.log")
@@ -114,8 +114,8 @@ def test_a_worker_with_a_used_name_is_refused(warm, tmp_path):
 
 def test_a_worker_without_a_database_is_refused(warm, tmp_path):
     (tmp_path / "state.db").write_bytes(b"not a database" * 1000)
-    said = refused(warm, "--data", str(tmp_path), ADVERB_DATABASE_URL=f"sqlite:///{tmp_path}/state.db")
-    assert said == "error: the store is unavailable: file is not a database"
+    error = refused(warm, "--data", str(tmp_path), ADVERB_DATABASE_URL=f"sqlite:///{tmp_path}/state.db")
+    assert error == "error: the store is unavailable: file is not a database"
     assert refused(warm, ADVERB_DATABASE_URL="mysql://somewhere/db", ADVERB_DATA=str(tmp_path)).startswith(
         "error: a database"
     )

@@ -64,7 +64,7 @@ async def test_an_outage_of_the_database_interrupts_neither_poses_nor_streams(po
             postgres.stop()
             began, frames = time.monotonic(), len(stream.frames)
             await meanwhile(client)
-            asked = sum([await posed(client) for _ in range(20)])
+            requested = sum([await posed(client) for _ in range(20)])
             await asyncio.sleep(max(0.0, AWAY_S - (time.monotonic() - began)))
             streamed = len(stream.frames) - frames
             postgres.start()
@@ -80,7 +80,7 @@ async def test_an_outage_of_the_database_interrupts_neither_poses_nor_streams(po
     sent = [frame.sequence for frame in stream.frames]
     assert sent == list(range(1, len(sent) + 1))
     assert streamed > 10 * AWAY_S
-    assert asked == 20
+    assert requested == 20
 
 
 async def meanwhile(client):

@@ -106,11 +106,11 @@ async def shown(clients, reading, number):
 
 
 def announced(client, examples, *, weights):
-    """Every record is of the version that was announced last, and as long as that one says."""
-    told = [text["version"] for text in client.texts if text["op"] in ("opened", "version")]
+    """Every record has the version and the length that were announced last."""
+    reply = [text["version"] for text in client.texts if text["op"] in ("opened", "version")]
     seen = [frame.of(1).version for frame in client.frames]
     changes = seen[:1] + [b for a, b in pairwise(seen) if a != b]
-    assert changes == told
+    assert changes == reply
     if weights:
         for frame in client.frames:
             assert len(frame.of(1).weights) == examples[frame.of(1).version]

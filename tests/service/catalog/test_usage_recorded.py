@@ -24,11 +24,11 @@ def corner(verb, seed, count):
     return rows[inside(verb.domain, verb.domain.chart.points(rows))]
 
 
-async def refined(client, **asked):
+async def refined(client, **requested):
     """Version that a refinement of the built-in arm publishes."""
     await client.post("/v1/verbs/arm3/versions/1/activate")
-    asked = {"max_pseudo": PSEUDO, "target_error": 1e-6, "method": "refined", **asked}
-    started = await client.post("/v1/verbs/arm3/refinements", json=asked)
+    requested = {"max_pseudo": PSEUDO, "target_error": 1e-6, "method": "refined", **requested}
+    started = await client.post("/v1/verbs/arm3/refinements", json=requested)
     ended = await until(client, started.headers["location"], lambda row: row["state"] not in ("queued", "running"))
     assert (ended["state"], ended["progress"]["pseudo"]) == ("published", PSEUDO), ended
     return ended
@@ -51,8 +51,8 @@ async def test_requests_in_one_corner_improve_that_corner(client, kept, tmp_path
     await client.post("/v1/verbs/arm3/sequence", json={"adverbs": named, "fps": 30})
     track = [{"time": 0.1 * k, "adverbs": named} for k in range(5)]
     await client.post("/v1/verbs/arm3/sequence", json={"track": track, "fps": 30})
-    asked = 2 * len(rows) + 1 + 1 + 5
-    assert await stored_usage(kept, "arm3", asked) == pytest.approx(asked, rel=1e-3)
+    requested = 2 * len(rows) + 1 + 1 + 5
+    assert await stored_usage(kept, "arm3", requested) == pytest.approx(requested, rel=1e-3)
     weighted = await refined(client, weighted_by_traffic=True)
     uniform = await refined(client)
     assert weighted["progress"]["note"] == ""

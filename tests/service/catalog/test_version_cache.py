@@ -27,12 +27,12 @@ async def test_an_earlier_version_serves_poses_sequences_and_maps(kept, tmp_path
         assert now == 2
         poses = {}
         for number in (1, 2, None):
-            asked = POSE | ({} if number is None else {"version": number})
-            poses[number] = (await client.post("/v1/verbs/arm/pose", json=asked)).json()
+            requested = POSE | ({} if number is None else {"version": number})
+            poses[number] = (await client.post("/v1/verbs/arm/pose", json=requested)).json()
             assert poses[number]["version"] == (number or now)
         assert poses[1]["rotations"] == poses[2]["rotations"]
-        told = await client.post("/v1/verbs/arm/sequence", json={"adverbs": POSE["adverbs"], "version": 1})
-        assert told.json()["version"] == 1
+        reply = await client.post("/v1/verbs/arm/sequence", json={"adverbs": POSE["adverbs"], "version": 1})
+        assert reply.json()["version"] == 1
         many = await client.post("/v1/verbs/arm/poses", json={"items": [POSE], "version": 1})
         assert many.json()["version"] == 1
         assert (await client.get("/v1/verbs/arm/quality", params={"version": 1, "nodes": 5})).json()["version"] == 1

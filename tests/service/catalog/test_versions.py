@@ -106,26 +106,26 @@ async def test_a_version_can_be_downloaded(client):
 async def test_a_refinement_is_followed_to_its_end_while_a_stream_runs(client, kept):
     async with open_stream(kept) as stream:
         await stream.open(1, "arm3", adverbs={"x": 0.4, "y": 0.3}, method="rbf")
-        asked = {"max_pseudo": 25, "target_error": 0.0001}
-        started = await client.post("/v1/verbs/arm3/refinements", json=asked)
+        requested = {"max_pseudo": 25, "target_error": 0.0001}
+        started = await client.post("/v1/verbs/arm3/refinements", json=requested)
         assert started.status_code == 202
-        assert started.json()["request"].items() >= (asked | {"author": "a client"}).items()
+        assert started.json()["request"].items() >= (requested | {"author": "a client"}).items()
         where = started.headers["location"]
-        again = await client.post("/v1/verbs/arm3/refinements", json=asked)
+        again = await client.post("/v1/verbs/arm3/refinements", json=requested)
         assert (again.status_code, again.json()["refinement"]) == (409, started.json()["id"])
         reading = asyncio.create_task(stream.until("version"))
         async with client.stream("GET", f"{where}/events") as following:
             assert following.headers["content-type"].startswith("text/event-stream")
             lines = [line async for line in following.aiter_lines()]
             events = [json.loads(line[6:]) for line in lines if line.startswith("data: ")]
-        told = await asyncio.wait_for(reading, PATIENCE_S)
+        reply = await asyncio.wait_for(reading, PATIENCE_S)
         await stream.poses(3)
     last = events[-1]
     assert (last["state"], last["version_before"], last["version_after"]) == ("published", 1, 2)
     assert last["progress"]["pseudo"] == 25
     curve = [row[1] for row in last["progress"]["curve"]]
     assert curve[-1] < 0.3 * curve[0]
-    assert told["version"] == 2
+    assert reply["version"] == 2
     assert stream.frames[-1].of(1).version == 2
     sequences = [frame.sequence for frame in stream.frames]
     assert sequences == list(range(1, len(sequences) + 1))
@@ -137,8 +137,8 @@ async def test_a_refinement_is_followed_to_its_end_while_a_stream_runs(client, k
 
 
 async def test_a_refinement_can_be_cancelled_and_its_worker_killed(client, kept):
-    asked = {"max_pseudo": 2000, "target_error": 1e-6, "priority": 1}
-    job = (await client.post("/v1/verbs/reach/refinements", json=asked)).json()
+    requested = {"max_pseudo": 2000, "target_error": 1e-6, "priority": 1}
+    job = (await client.post("/v1/verbs/reach/refinements", json=requested)).json()
     where = f"/v1/refinements/{job['id']}"
     await until(client, where, lambda row: row["progress"].get("pseudo", 0) > 0)
     for worker in kept.workers.running.values():
@@ -152,11 +152,11 @@ async def test_a_refinement_can_be_cancelled_and_its_worker_killed(client, kept)
 
 
 async def test_unknown_refinements_are_reported(client):
-    for answer in (await client.get("/v1/refinements/nobody"), await client.delete("/v1/refinements/nobody")):
+    for answer in (await client.get("/v1/refinements/unknown"), await client.delete("/v1/refinements/unknown")):
         assert (answer.status_code, answer.json()["code"]) == (404, "unknown_refinement")
     wrong = await client.post("/v1/verbs/arm3/refinements", json={"max_pseudo": -1})
     assert wrong.json()["code"] == "invalid_request"
-    missing = await client.post("/v1/verbs/nobody/refinements", json={})
+    missing = await client.post("/v1/verbs/unknown/refinements", json={})
     assert missing.json()["code"] == "unknown_verb"
 
 

@@ -30,7 +30,7 @@ OPERATIONS = [
     for method in operations
     for mode in ((VALID, INVALID) if (path, method) not in UNREAD and method == "post" else (VALID,))
 ]
-KEEPING = {("/v1/verbs", "POST"), ("/v1/verbs/{verb}", "DELETE")}
+STORING = {("/v1/verbs", "POST"), ("/v1/verbs/{verb}", "DELETE")}
 ADVERBS = {"arm3": ("x", "y"), "sway": ("width", "haste")}
 
 
@@ -85,8 +85,8 @@ def test_every_answer_fits_the_document(api, path, method, mode):
 
 
 def _changes(path, method):
-    """Whether a route is about what a server keeps; this app keeps nothing, and says so."""
-    return any(word in path for word in ("/versions", "/refinements")) or (path, method) in KEEPING
+    """Whether a route needs a store; this app has none and answers with a problem."""
+    return any(word in path for word in ("/versions", "/refinements")) or (path, method) in STORING
 
 
 def test_the_committed_document_is_the_code_s():

@@ -22,18 +22,18 @@ async def ask(client, verb="arm3", route="pose", headers=None, **body):
 
 async def test_a_pose_is_what_the_library_evaluates(client, catalog):
     evaluator = catalog.entry("arm3").evaluator
-    told = (await ask(client, adverbs=ARM, phase=0.4, weights=True)).json()
+    reply = (await ask(client, adverbs=ARM, phase=0.4, weights=True)).json()
     poses = evaluator.pose(ARM, phase=0.4)
-    assert told == describe.pose_record(evaluator, poses, 0, weights=True)
-    np.testing.assert_allclose(told["rotations"], poses.rotations[0], atol=1e-7)
-    np.testing.assert_allclose(told["weights"], poses.blend.weights[0], atol=1e-15)
+    assert reply == describe.pose_record(evaluator, poses, 0, weights=True)
+    np.testing.assert_allclose(reply["rotations"], poses.rotations[0], atol=1e-7)
+    np.testing.assert_allclose(reply["weights"], poses.blend.weights[0], atol=1e-15)
 
 
 async def test_a_pose_has_exactly_the_promised_fields(client):
-    told = (await ask(client, adverbs=ARM, phase=0.5)).json()
+    reply = (await ask(client, adverbs=ARM, phase=0.5)).json()
     promised = "verb version method phase time duration root rotations measured error clamped"
-    assert list(told) == promised.split()
-    assert set(told["measured"]) == {"x", "y"}
+    assert list(reply) == promised.split()
+    assert set(reply["measured"]) == {"x", "y"}
 
 
 async def test_phase_and_time_ask_for_the_same_pose(client):
@@ -49,22 +49,22 @@ async def test_without_an_instant_the_motion_starts(client):
 
 async def test_binary_says_what_json_says(client):
     body = {"adverbs": ARM, "phase": 0.4}
-    told = (await ask(client, **body)).json()
+    reply = (await ask(client, **body)).json()
     answer = await ask(client, headers=OCTETS, **body)
     assert answer.headers["content-type"] == "application/octet-stream"
     assert len(answer.content) == 24 + 12 + 16 * 4
     (record,) = wire.decode(answer.content, 4)
-    np.testing.assert_array_equal(record["rotations"], np.float32(told["rotations"]))
-    np.testing.assert_array_equal(record["root"], np.float32(told["root"]))
+    np.testing.assert_array_equal(record["rotations"], np.float32(reply["rotations"]))
+    np.testing.assert_array_equal(record["root"], np.float32(reply["root"]))
     for name in ("phase", "time", "duration", "error"):
-        assert record[name] == np.float32(told[name])
+        assert record[name] == np.float32(reply[name])
     assert (record["version"], record["channel"], record["encoding"], record["flags"]) == (1, 0, 0, 0)
 
 
 async def test_a_pose_that_cannot_be_measured_has_no_error(client):
-    told = (await ask(client, verb="sway", adverbs=SWAY, max_error=0.1)).json()
-    assert told["error"] is None
-    assert told["met"] is None
+    reply = (await ask(client, verb="sway", adverbs=SWAY, max_error=0.1)).json()
+    assert reply["error"] is None
+    assert reply["met"] is None
     (record,) = wire.decode((await ask(client, verb="sway", adverbs=SWAY, headers=OCTETS)).content, 3)
     assert np.isnan(record["error"])
 
@@ -80,21 +80,21 @@ async def test_a_loop_goes_on_and_tells_its_velocity(client):
 async def test_global_space_gives_global_rotations_and_positions(client, catalog):
     skeleton = catalog.entry("arm3").verb.skeleton
     local = (await ask(client, adverbs=ARM, phase=0.5)).json()
-    told = (await ask(client, adverbs=ARM, phase=0.5, space="global")).json()
+    reply = (await ask(client, adverbs=ARM, phase=0.5, space="global")).json()
     turns, places = fk.forward(
         np.array(local["root"]), np.array(local["rotations"]), skeleton.parents, skeleton.offsets
     )
-    np.testing.assert_allclose(told["rotations"], turns, atol=1e-6)
-    np.testing.assert_allclose(told["positions"], places, atol=1e-6)
+    np.testing.assert_allclose(reply["rotations"], turns, atol=1e-6)
+    np.testing.assert_allclose(reply["positions"], places, atol=1e-6)
 
 
 async def test_joints_are_given_in_the_order_asked_for(client, catalog):
     names = catalog.entry("arm3").verb.skeleton.names
     whole = (await ask(client, adverbs=ARM, phase=0.5)).json()["rotations"]
-    told = (await ask(client, adverbs=ARM, phase=0.5, joints=[names[2], names[0]])).json()["rotations"]
-    assert told == [whole[2], whole[0]]
+    reply = (await ask(client, adverbs=ARM, phase=0.5, joints=[names[2], names[0]])).json()["rotations"]
+    assert reply == [whole[2], whole[0]]
     content = (await ask(client, adverbs=ARM, phase=0.5, joints=[names[2], names[0]], headers=OCTETS)).content
-    np.testing.assert_array_equal(wire.decode(content, 2)["rotations"][0], np.float32(told))
+    np.testing.assert_array_equal(wire.decode(content, 2)["rotations"][0], np.float32(reply))
 
 
 async def test_remembered_joint_subsets_are_bounded(client, catalog):
@@ -106,10 +106,10 @@ async def test_remembered_joint_subsets_are_bounded(client, catalog):
 
 
 async def test_far_adverbs_are_clamped_and_the_error_is_told(client):
-    told = (await ask(client, adverbs={"x": 50.0, "y": 0.0}, max_error=0.01)).json()
-    assert told["clamped"]
-    assert told["error"] > 1.0
-    assert told["met"] is False
+    reply = (await ask(client, adverbs={"x": 50.0, "y": 0.0}, max_error=0.01)).json()
+    assert reply["clamped"]
+    assert reply["error"] > 1.0
+    assert reply["met"] is False
     (record,) = wire.decode((await ask(client, adverbs={"x": 50.0, "y": 0.0}, headers=OCTETS)).content, 4)
     assert record["flags"] == wire.CLAMPED
 
@@ -126,9 +126,9 @@ def crowd(count: int) -> list[dict]:
 
 async def test_a_batch_equals_single_poses(client):
     items = crowd(70)  # more than one slice of JSON
-    told = (await ask(client, route="poses", items=items, weights=True)).json()
-    assert (told["verb"], told["version"], len(told["poses"])) == ("arm3", 1, 70)
-    for item, found in list(zip(items, told["poses"], strict=True))[::9]:
+    reply = (await ask(client, route="poses", items=items, weights=True)).json()
+    assert (reply["verb"], reply["version"], len(reply["poses"])) == ("arm3", 1, 70)
+    for item, found in list(zip(items, reply["poses"], strict=True))[::9]:
         single = (await ask(client, weights=True, **item)).json()
         assert found.keys() == single.keys()
         np.testing.assert_allclose(found["rotations"], single["rotations"], atol=1e-6)
@@ -146,10 +146,10 @@ async def test_a_binary_batch_equals_the_same_in_json(client):
     )
     assert answer.status_code == 200
     records = wire.decode(answer.content, 4)
-    told = (await ask(client, route="poses", items=items, method="rbf")).json()["poses"]
+    reply = (await ask(client, route="poses", items=items, method="rbf")).json()["poses"]
     np.testing.assert_array_equal(records["channel"], np.arange(33))
-    np.testing.assert_allclose(records["rotations"], [pose["rotations"] for pose in told], atol=2e-6)
-    assert {pose["method"] for pose in told} == {"rbf"}
+    np.testing.assert_allclose(records["rotations"], [pose["rotations"] for pose in reply], atol=2e-6)
+    assert {pose["method"] for pose in reply} == {"rbf"}
 
 
 async def test_channels_of_a_large_crowd_wrap(client, catalog):
@@ -165,8 +165,8 @@ async def test_channels_of_a_large_crowd_wrap(client, catalog):
 
 async def test_items_may_give_times(client):
     items = [{"adverbs": SWAY, "time": 0.5 * k} for k in range(6)]
-    told = (await ask(client, verb="sway", route="poses", items=items)).json()["poses"]
-    np.testing.assert_allclose([pose["time"] for pose in told], 0.5 * np.arange(6), atol=1e-12)
+    reply = (await ask(client, verb="sway", route="poses", items=items)).json()["poses"]
+    np.testing.assert_allclose([pose["time"] for pose in reply], 0.5 * np.arange(6), atol=1e-12)
 
 
 async def test_a_long_call_leaves_the_event_loop_to_others(client, monkeypatch):

@@ -13,16 +13,16 @@ async def ask(client, verb="arm3", **query):
 
 
 async def test_a_map_holds_what_poses_say(client):
-    told = (await ask(client, method="rbf", nodes=9)).json()
-    assert (told["across"], told["up"], told["unit"], told["held"]) == ("x", "y", "m", {})
-    assert len(told["rows"]) == len(told["columns"]) == 9
+    reply = (await ask(client, method="rbf", nodes=9)).json()
+    assert (reply["across"], reply["up"], reply["unit"], reply["held"]) == ("x", "y", "m", {})
+    assert len(reply["rows"]) == len(reply["columns"]) == 9
     row, column = 4, 3
-    adverbs = {"x": told["columns"][column], "y": told["rows"][row]}
+    adverbs = {"x": reply["columns"][column], "y": reply["rows"][row]}
     pose = (await client.post("/v1/verbs/arm3/pose", json={"adverbs": adverbs, "method": "rbf"})).json()
-    assert told["error"][row][column] == pytest.approx(pose["error"], abs=1e-12)
-    known = [value for line in told["error"] for value in line if value is not None]
-    assert told["error_mean"] == pytest.approx(np.mean(known))
-    assert told["error_max"] == max(known)
+    assert reply["error"][row][column] == pytest.approx(pose["error"], abs=1e-12)
+    known = [value for line in reply["error"] for value in line if value is not None]
+    assert reply["error_mean"] == pytest.approx(np.mean(known))
+    assert reply["error_max"] == max(known)
 
 
 async def test_corrected_is_exact_where_rbf_is_not(client):
@@ -32,18 +32,18 @@ async def test_corrected_is_exact_where_rbf_is_not(client):
 
 
 async def test_other_adverbs_are_held(client):
-    told = (await ask(client, "reach", across="z", up="x", at="y=1.5", nodes=5)).json()
-    assert (told["across"], told["up"], told["held"]) == ("z", "x", {"y": 1.5})
+    reply = (await ask(client, "reach", across="z", up="x", at="y=1.5", nodes=5)).json()
+    assert (reply["across"], reply["up"], reply["held"]) == ("z", "x", {"y": 1.5})
     middle = (await ask(client, "reach", nodes=5)).json()
     reach = library.load("reach").adverbs[2]
     assert middle["held"] == {"z": pytest.approx(0.5 * (reach.minimum + reach.maximum))}
 
 
 async def test_nodes_outside_the_domain_are_null(client):
-    told = (await ask(client, "reach", nodes=21)).json()
-    corners = [told["error"][row][column] for row in (0, -1) for column in (0, -1)]
+    reply = (await ask(client, "reach", nodes=21)).json()
+    corners = [reply["error"][row][column] for row in (0, -1) for column in (0, -1)]
     assert corners == [None] * 4
-    assert told["smoothness"][10][10] is not None
+    assert reply["smoothness"][10][10] is not None
 
 
 @pytest.mark.parametrize(

@@ -22,32 +22,32 @@ async def ask(client, verb="arm3", headers=None, **body):
 
 @pytest.mark.parametrize("fps", [1.0, 24.0, 30.0, 59.94, 240.0])
 async def test_frames_stand_at_multiples_up_to_the_end(client, fps):
-    told = (await ask(client, adverbs=ARM, fps=fps)).json()
-    last = np.floor(told["duration"] * fps + 1e-6)
-    assert told["frames"] == len(told["rotations"]) == last + 1
-    np.testing.assert_allclose(told["times"], np.arange(last + 1) / fps, atol=1e-12)
+    reply = (await ask(client, adverbs=ARM, fps=fps)).json()
+    last = np.floor(reply["duration"] * fps + 1e-6)
+    assert reply["frames"] == len(reply["rotations"]) == last + 1
+    np.testing.assert_allclose(reply["times"], np.arange(last + 1) / fps, atol=1e-12)
 
 
 async def test_each_frame_is_the_pose_at_its_time(client):
-    told = (await ask(client, adverbs=ARM, fps=12, space="global", joints=["Tip"], weights=True)).json()
-    for k in (0, 5, told["frames"] - 1):
-        body = {"adverbs": ARM, "time": told["times"][k], "space": "global", "joints": ["Tip"], "weights": True}
+    reply = (await ask(client, adverbs=ARM, fps=12, space="global", joints=["Tip"], weights=True)).json()
+    for k in (0, 5, reply["frames"] - 1):
+        body = {"adverbs": ARM, "time": reply["times"][k], "space": "global", "joints": ["Tip"], "weights": True}
         pose = (await client.post("/v1/verbs/arm3/pose", json=body)).json()
-        np.testing.assert_allclose(told["rotations"][k], pose["rotations"], atol=1e-6)
-        np.testing.assert_allclose(told["positions"][k], pose["positions"], atol=1e-6)
-        assert told["phases"][k] == pytest.approx(pose["phase"], abs=1e-12)
-        assert told["weights"] == [pose["weights"]]
-        assert told["error"] == pose["error"]
+        np.testing.assert_allclose(reply["rotations"][k], pose["rotations"], atol=1e-6)
+        np.testing.assert_allclose(reply["positions"][k], pose["positions"], atol=1e-6)
+        assert reply["phases"][k] == pytest.approx(pose["phase"], abs=1e-12)
+        assert reply["weights"] == [pose["weights"]]
+        assert reply["error"] == pose["error"]
 
 
 async def test_a_loop_runs_for_its_cycles_and_walks_on(client):
-    told = (await ask(client, verb="sway", adverbs=SWAY, cycles=3)).json()
-    assert told["duration"] == pytest.approx(3 * told["times"][-1] / told["phases"][-1], rel=0.05)
-    assert 2.9 < told["phases"][-1] <= 3.0
-    steps = np.linalg.norm(np.diff(np.array(told["root"])[:, ::2], axis=0), axis=1)
+    reply = (await ask(client, verb="sway", adverbs=SWAY, cycles=3)).json()
+    assert reply["duration"] == pytest.approx(3 * reply["times"][-1] / reply["phases"][-1], rel=0.05)
+    assert 2.9 < reply["phases"][-1] <= 3.0
+    steps = np.linalg.norm(np.diff(np.array(reply["root"])[:, ::2], axis=0), axis=1)
     assert steps.max() < 2 * steps.min()  # it walks on, over the seams too
-    assert [event["name"] for event in told["events"]] == ["left", "right"] * 3
-    assert len(told["root_velocity"]) == told["frames"]
+    assert [event["name"] for event in reply["events"]] == ["left", "right"] * 3
+    assert len(reply["root_velocity"]) == reply["frames"]
 
 
 async def test_a_track_that_stays_is_the_sequence(client):
@@ -62,10 +62,10 @@ async def test_a_track_that_stays_is_the_sequence(client):
 
 async def test_a_track_has_an_error_per_frame(client):
     track = [{"time": k / 2, "adverbs": adverbs} for k, adverbs in enumerate(ENDS)]
-    told = (await ask(client, track=track, method="rbf")).json()
-    assert len(told["errors"]) == told["frames"]
-    assert told["error"] == max(told["errors"])
-    assert told["measured"] is None
+    reply = (await ask(client, track=track, method="rbf")).json()
+    assert len(reply["errors"]) == reply["frames"]
+    assert reply["error"] == max(reply["errors"])
+    assert reply["measured"] is None
 
 
 def test_a_changing_track_stays_smooth_and_ends_at_its_end(catalog):
@@ -92,12 +92,12 @@ def test_events_of_a_sequence_are_the_blended_keytimes(catalog):
 
 
 async def test_binary_frames_equal_json_and_the_last_is_flagged(client):
-    told = (await ask(client, adverbs=ARM)).json()
+    reply = (await ask(client, adverbs=ARM)).json()
     answer = await ask(client, adverbs=ARM, headers={"Accept": "application/octet-stream"})
     records = wire.decode(answer.content, 4)
-    np.testing.assert_array_equal(records["rotations"], np.float32(told["rotations"]))
-    np.testing.assert_array_equal(records["time"], np.float32(told["times"]))
-    assert records["flags"].tolist() == [0] * (told["frames"] - 1) + [wire.LAST]
+    np.testing.assert_array_equal(records["rotations"], np.float32(reply["rotations"]))
+    np.testing.assert_array_equal(records["time"], np.float32(reply["times"]))
+    assert records["flags"].tolist() == [0] * (reply["frames"] - 1) + [wire.LAST]
     assert not records["channel"].any()
 
 
@@ -105,11 +105,11 @@ async def test_bvh_reads_back_as_the_same_motion(client, catalog):
     answer = await ask(client, verb="sway", adverbs=SWAY, cycles=2, headers={"Accept": "text/x-bvh"})
     assert answer.headers["content-type"] == "text/x-bvh; charset=utf-8"
     motion = bvh.parse(answer.text)
-    told = (await ask(client, verb="sway", adverbs=SWAY, cycles=2)).json()
+    reply = (await ask(client, verb="sway", adverbs=SWAY, cycles=2)).json()
     assert motion.skeleton.names == catalog.entry("sway").verb.skeleton.names
-    np.testing.assert_allclose(motion.root, told["root"], atol=2e-6)
-    signs = np.sign((motion.rotations * told["rotations"]).sum(axis=-1, keepdims=True))
-    np.testing.assert_allclose(motion.rotations * signs, told["rotations"], atol=1e-6)
+    np.testing.assert_allclose(motion.root, reply["root"], atol=2e-6)
+    signs = np.sign((motion.rotations * reply["rotations"]).sum(axis=-1, keepdims=True))
+    np.testing.assert_allclose(motion.rotations * signs, reply["rotations"], atol=1e-6)
 
 
 async def test_too_many_frames_are_refused_with_the_limit(catalog):

@@ -29,19 +29,19 @@ async def test_the_list_names_all_verbs_with_version_and_adverbs(client):
 
 async def test_a_description_is_what_the_library_describes(client, catalog):
     for name in catalog.entries:
-        told = (await client.get(f"/v1/verbs/{name}")).json()
-        assert told == describe.describe(catalog.entry(name).verb)
+        reply = (await client.get(f"/v1/verbs/{name}")).json()
+        assert reply == describe.describe(catalog.entry(name).verb)
 
 
 async def test_a_description_has_the_promised_fields(client):
-    told = (await client.get("/v1/verbs/arm3")).json()
-    adverb = told["adverbs"][0]
+    reply = (await client.get("/v1/verbs/arm3")).json()
+    adverb = reply["adverbs"][0]
     assert {"name", "unit", "min", "max", "style"} <= adverb.keys()
-    assert {"names", "parents", "offsets"} <= told["skeleton"].keys()
-    assert {"name", "adverbs", "keytimes", "point"} == told["examples"][0].keys()
-    assert set(told["examples"][0]["adverbs"]) == {"x", "y"}
-    assert {"keytime_names", "looping", "domain", "methods", "quality", "version"} <= told.keys()
-    assert told["default_method"] in told["methods"]
+    assert {"names", "parents", "offsets"} <= reply["skeleton"].keys()
+    assert {"name", "adverbs", "keytimes", "point"} == reply["examples"][0].keys()
+    assert set(reply["examples"][0]["adverbs"]) == {"x", "y"}
+    assert {"keytime_names", "looping", "domain", "methods", "quality", "version"} <= reply.keys()
+    assert reply["default_method"] in reply["methods"]
 
 
 async def test_a_verb_lists_only_methods_that_it_can_be_asked_with(client):
@@ -81,13 +81,13 @@ async def test_nothing_is_ready_before_verbs_are_loaded():
 
 
 async def test_the_lifespan_makes_it_ready(data_dir):
-    told = []
+    reply = []
     app = app_of(None, data=data_dir)
-    app.state.server._on_ready = told.append
+    app.state.server._on_ready = reply.append
     async with app.router.lifespan_context(app), client_of(app) as client:
         await app.state.server.ready.wait()
         assert (await client.get("/readyz")).status_code == 200
-    assert [set(catalog.entries) for catalog in told] == [{*library.names(), "sway"}]
+    assert [set(catalog.entries) for catalog in reply] == [{*library.names(), "sway"}]
 
 
 async def test_pages_make_no_outside_request(client):

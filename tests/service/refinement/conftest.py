@@ -143,15 +143,15 @@ class JobFixture:
         artifact.save(verb or library.load("arm3"), path)
         return self.store.publish("arm3", path, author="test", reason="test", quality={}, **options)
 
-    def add_job(self, id: str, *, version: int = 1, **asked) -> str:
+    def add_job(self, id: str, *, version: int = 1, **requested) -> str:
         """A queued job for a version; returns its id."""
-        values = RefinementSpec(**{"target_error": 0.0, "max_pseudo": 6, **asked}).to_json() | {"author": "test"}
+        values = RefinementSpec(**{"target_error": 0.0, "max_pseudo": 6, **requested}).to_json() | {"author": "test"}
         self.store.add_job(Job(id, "arm3", "queued", values, {}, 0, version, None, "", 1.0, 1.0))
         return id
 
-    def run_job(self, id: str, **asked) -> Job:
+    def run_job(self, id: str, **requested) -> Job:
         """Run a job to its end."""
-        self.steps.run(self.add_job(id, **asked))
+        self.steps.run(self.add_job(id, **requested))
         return self.store.job(id)
 
 

@@ -26,8 +26,8 @@ def test_a_job_reaches_the_error_that_refine_reaches(fixture: JobFixture, name: 
     alone = with_basis(verb, last.basis, rules, last.mark)
     file = Path(library.__file__).with_name(f"{name}.verb")
     fixture.store.publish(name, file, author="test", reason="test", quality={})
-    asked = RefinementSpec(target_error=0.0, max_pseudo=PSEUDO, seed=3).to_json() | {"author": "test"}
-    fixture.store.add_job(Job("j", name, "queued", asked, {}, 0, 1, None, "", 1.0, 1.0))
+    requested = RefinementSpec(target_error=0.0, max_pseudo=PSEUDO, seed=3).to_json() | {"author": "test"}
+    fixture.store.add_job(Job("j", name, "queued", requested, {}, 0, 1, None, "", 1.0, 1.0))
     fixture.steps.run("j")
     row = fixture.store.job("j")
     assert row.state == "published"

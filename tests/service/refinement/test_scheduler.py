@@ -131,9 +131,9 @@ def test_large_errors_start_one_refinement_followed_by_a_rest(make_fixture, arm)
     fixture.record(arm, MIN_ANSWERS, 0.02)
     fixture.run_once()
     (job,) = fixture.store.jobs()
-    asked = {name: job.request[name] for name in ("author", "weighted_by_traffic", "priority")}
+    requested = {name: job.request[name] for name in ("author", "weighted_by_traffic", "priority")}
     assert (job.verb, job.state, job.version_before) == ("arm3", "queued", 1)
-    assert asked == {"author": AUTHOR, "weighted_by_traffic": True, "priority": 100}
+    assert requested == {"author": AUTHOR, "weighted_by_traffic": True, "priority": 100}
     fixture.record(arm, MIN_ANSWERS, 0.02)
     fixture.run_once(later_s=REST_S)
     assert fixture.store.jobs() == [job]

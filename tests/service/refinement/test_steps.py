@@ -282,8 +282,8 @@ def test_only_an_unavailable_store_is_retried():
 def test_usage_lowers_the_error_at_requested_adverbs(fixture: JobFixture):
     fixture.publish()
     verb = library.load("arm3")
-    asked = clustered(verb, np.random.default_rng(5), 4_000)
-    fixture.store.put_usage("arm3", "server", cells_json(verb, asked), 2e9)
+    requested = clustered(verb, np.random.default_rng(5), 4_000)
+    fixture.store.put_usage("arm3", "server", cells_json(verb, requested), 2e9)
     uniform = fixture.run_job("uniform", max_pseudo=16)
     fixture.store.activate("arm3", 1, author="test", reason="compare")
     weighted = fixture.run_job("weighted", max_pseudo=16, weighted_by_traffic=True)

@@ -134,9 +134,9 @@ def test_restarted_worker_resumes_its_own_job(cluster: Cluster):
 def test_urgent_jobs_run_first(cluster: Cluster):
     for worker in cluster.workers.values():
         worker.end(signal.SIGKILL)
-    asked = REQUEST | {"max_pseudo": 1}
+    requested = REQUEST | {"max_pseudo": 1}
     jobs = [
-        cluster.queue.start(cluster.publish(f"urgent-{priority}"), None, asked | {"priority": priority}, "test")
+        cluster.queue.start(cluster.publish(f"urgent-{priority}"), None, requested | {"priority": priority}, "test")
         for priority in (50, 100, 1)
     ]
     (only,) = cluster.start_workers("a")

@@ -39,13 +39,13 @@ def total(observed):
 def test_all_forms_of_adverbs_are_counted_alike(arm):
     rows = some(arm, 300)
     named = [dict(zip(NAMES, row, strict=True)) for row in rows.tolist()]
-    told = []
+    reply = []
     for asks in ([(rows, 300)], [(named, 300)], [(one, 1) for one in named]):
         usage = Usage()
         for adverbs, count in asks:
             usage.record(arm, adverbs, rows=count)
-        told.append(counted(usage)["arm3"].to_json())
-    assert told[0] == told[1] == told[2] == {**cells_json(arm.verb, rows), "at_s": 0.0}
+        reply.append(counted(usage)["arm3"].to_json())
+    assert reply[0] == reply[1] == reply[2] == {**cells_json(arm.verb, rows), "at_s": 0.0}
 
 
 def test_counts_add_up_and_decay(arm):
@@ -97,7 +97,7 @@ def test_errors_are_those_of_the_current_version(arm):
     usage.record(arm, some(arm, 5), np.full(5, 0.1), rows=5)
     counted(usage)
     usage.record(newer, some(arm, 1), np.array([0.2]))
-    usage.record(arm, some(arm, 2), rows=2)  # by the earlier version, on usage: it counts as asked
+    usage.record(arm, some(arm, 2), rows=2)  # by the earlier version, on usage: it counts as usage
     seen = counted(usage)["arm3"]
     assert (seen.version, seen.answers, total(seen)) == (2, 1, 8)
 
@@ -127,7 +127,7 @@ def test_characters_of_streams_are_recorded(arm):
         group.characters.remove(slot)
     CharacterSampler(usage).sample([group, Group(arm, "rbf")])
     seen = counted(usage)["arm3"]
-    assert (total(seen), seen.answers) == (15, 0)  # nobody has seen any of them yet
+    assert (total(seen), seen.answers) == (15, 0)  # none has had a frame yet
     assert seen.to_json()["cells"] == cells_json(arm.verb, some(arm, 20)[5:])["cells"]
 
 
@@ -177,8 +177,8 @@ def test_old_cells_weigh_less():
 
 
 def test_recording_a_request_is_cheap(arm):
-    usage, asked, errors = Usage(limit=10**9), {"x": 0.4, "y": 0.3}, np.zeros(1)
-    arm.evaluator.pose(asked)
+    usage, requested, errors = Usage(limit=10**9), {"x": 0.4, "y": 0.3}, np.zeros(1)
+    arm.evaluator.pose(requested)
 
     def took(work):
         started = time.perf_counter()
@@ -187,6 +187,7 @@ def test_recording_a_request_is_cheap(arm):
         return time.perf_counter() - started
 
     ratios = [
-        took(lambda: usage.record(arm, asked, errors)) / took(lambda: arm.evaluator.pose(asked)) for _ in range(5)
+        took(lambda: usage.record(arm, requested, errors)) / took(lambda: arm.evaluator.pose(requested))
+        for _ in range(5)
     ]
     assert min(ratios) < 0.1

@@ -83,7 +83,7 @@ def test_a_store_over_a_bucket(location, tmp_path, artifact):
 
 def test_a_bucket_that_does_not_answer(tmp_path, artifact, monkeypatch):
     for name, value in {
-        "AWS_ENDPOINT_URL": "http://127.0.0.1:9",  # nobody listens there
+        "AWS_ENDPOINT_URL": "http://127.0.0.1:9",  # a closed port
         "AWS_ALLOW_HTTP": "true",
         "AWS_ACCESS_KEY_ID": "id",
         "AWS_SECRET_ACCESS_KEY": "hunter2",

@@ -79,7 +79,7 @@ def server(serve):
 
 @dataclass
 class Record:
-    """One record, decoded as the specification says."""
+    """One record, decoded by the specification."""
 
     channel: int
     encoding: int

@@ -15,7 +15,7 @@ from service.settings import Settings
 from service.stream import messages
 
 CHANNELS = st.integers(0, 4)
-VERBS = st.sampled_from(["arm3", "reach", "board", "sway", "nobody"])
+VERBS = st.sampled_from(["arm3", "reach", "board", "sway", "unknown"])
 NUMBERS = st.floats(-3, 3) | st.sampled_from([1e12, float("nan"), 0])
 ADVERBS = st.none() | st.dictionaries(st.sampled_from(["x", "y", "z", "u", "v", "width", "haste", "q"]), NUMBERS)
 ANYTHING = st.recursive(
@@ -29,7 +29,7 @@ class Wire:
     """The endpoint, spoken to in ASGI: the messages of uvicorn, without its socket."""
 
     def __init__(self, app, loop):
-        self.loop, self.inbox, self.said = loop, asyncio.Queue(), []
+        self.loop, self.inbox, self.sent = loop, asyncio.Queue(), []
         scope = {
             **{
                 "type": "websocket",
@@ -46,7 +46,7 @@ class Wire:
         self.run()
 
     async def send(self, message):
-        self.said.append(message)
+        self.sent.append(message)
 
     def run(self):
         """Let the server do all there is to do."""
@@ -58,11 +58,11 @@ class Wire:
         self.loop.run_until_complete(turns())
 
     def texts(self):
-        return [json.loads(message["text"]) for message in self.said if message.get("text")]
+        return [json.loads(message["text"]) for message in self.sent if message.get("text")]
 
     def exchange(self, **content):
-        """Send a message; what the server said to it."""
-        self.said.clear()
+        """Send a message; return the replies."""
+        self.sent.clear()
         self.inbox.put_nowait({"type": "websocket.receive", **content})
         self.run()
         return self.texts()

@@ -123,8 +123,8 @@ async def test_keytimes_pass_and_a_motion_ends_once(server):
         await client.open(1, "reach", adverbs=REACH, speed=8, fps=120)
         await client.until("end")
         await client.for_seconds(0.1)
-    told = [(text["op"], text.get("name")) for text in client.texts if text["op"] in ("event", "end")]
-    assert told == [("event", "start"), ("event", "apex"), ("event", "end"), ("end", None)]
+    reply = [(text["op"], text.get("name")) for text in client.texts if text["op"] in ("event", "end")]
+    assert reply == [("event", "start"), ("event", "apex"), ("event", "end"), ("end", None)]
     flagged = [frame for frame in client.frames if frame.of(1).flags & LAST]
     assert len(flagged) == 1
     assert flagged[0].of(1).phase == 1.0
@@ -260,7 +260,7 @@ async def test_a_ping_tells_the_clock(server):
         ('{"op": "open", "channel": 5, "verb": "arm3", "colour": 1}', "bad_message", 5),
         ('{"op": "open", "channel": 5, "verb": "arm3", "adverbs": {"x": NaN, "y": 0}}', "bad_message", None),
         ('{"op": "open", "channel": 5, "verb": "arm3", "adverbs": {"x": "1", "y": 0}}', "bad_message", 5),
-        ('{"op": "open", "channel": 5, "verb": "nobody"}', "unknown_verb", 5),
+        ('{"op": "open", "channel": 5, "verb": "unknown"}', "unknown_verb", 5),
         ('{"op": "open", "channel": 5, "verb": "arm3", "method": "magic"}', "unknown_method", 5),
         ('{"op": "open", "channel": 5, "verb": "arm3", "joints": ["Tail"]}', "unknown_joint", 5),
         ('{"op": "open", "channel": 5, "verb": "arm3", "adverbs": {"x": 1, "q": 0}}', "unknown_adverb", 5),
@@ -274,7 +274,7 @@ async def test_a_ping_tells_the_clock(server):
         ('{"op": "switch", "channel": 1, "verb": "arm3", "transition_s": -1}', "bad_message", 1),
         ('{"op": "close", "channel": 6}', "unknown_channel", 6),
         ('{"op": "ping"}', "bad_message", None),
-        ('{"op": "resume", "session": "nobody", "last_seq": 0}', "unknown_session", None),
+        ('{"op": "resume", "session": "unknown", "last_seq": 0}', "unknown_session", None),
         (b"", "bad_message", None),
         (b"\x11\0\1\0" + bytes(8), "bad_message", None),
         (b"\x10\0\1\0" + bytes(7), "bad_message", None),

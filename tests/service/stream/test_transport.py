@@ -1,4 +1,4 @@
-"""The short way past ASGI: what is written is what RFC 6455 says, and what comes keeps its order."""
+"""The fast path past ASGI: frames follow RFC 6455, and messages keep their order."""
 
 import asyncio
 import socket
@@ -20,7 +20,7 @@ REACH = {"x": -0.3, "y": 1.2, "z": 0.45}
 
 
 class Posting:
-    """An app that posts a message of each length, each when it is told to go on."""
+    """An app that sends a message of each length, each on a signal."""
 
     def __init__(self):
         self.sockets, self.over = [], threading.Event()

@@ -38,9 +38,9 @@ async def test_a_new_version_appears_between_two_frames(serve, catalog):
             await client.poses(10)
             newer = with_version(catalog, "reach", 2, bases=other_basis(catalog.entries["reach"].verb))
             server.call(server.state.set_catalog, newer)
-            told = await client.until("version")
+            reply = await client.until("version")
             await client.poses(20)
-    assert (opened["version"], told["version"], told["channel"]) == (1, 2, 1)
+    assert (opened["version"], reply["version"], reply["channel"]) == (1, 2, 1)
     records = [frame.of(1) for frame in client.frames]
     versions = [record.version for record in records]
     assert versions == sorted(versions)

@@ -1,4 +1,4 @@
-"""A sandbox forks, and its limits hold: whatever a job does, the server answers and goes on."""
+"""A sandbox forks, and its limits hold: the server answers after any job and continues."""
 
 import errno
 import json
@@ -34,7 +34,7 @@ def run(warm, tmp_path):
 
 
 def errors(run, *jobs):
-    """What the server answers for each upload; the parent goes on after each, and logs nothing of the sandbox."""
+    """What the server answers for each upload; the parent continues after each, and logs nothing of the sandbox."""
     process, _ = run(*jobs)
     lines = process.stdout.read().decode().splitlines()
     assert process.wait(LONGEST_S) == 0, process.stderr.read()

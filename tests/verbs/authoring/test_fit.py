@@ -98,7 +98,7 @@ def test_progress_ends_every_stage(tmp_path):
 def test_mocap_examples_come_back_at_their_adverbs(mocap, verb_of, name):
     """At every example's adverbs and keytimes: joints within 1e-6 m, rotations within 1e-6 rad.
 
-    Few keytimes fall on a frame; between frames a cubic spline through all frames says what the example is. The end of
+    Few keytimes fall on a frame; between frames the example is a cubic spline through all frames. The end of
     a loop is its start moved on, so it is left to the test of seams.
     """
     verb = verb_of(name)

@@ -55,8 +55,8 @@ def test_outside_the_hull_the_nearest_point_of_it_counts(verb):
     places, method = anywhere(verb, 60), Barycentric.of_verb(verb)
     reached = method.weights(places) @ verb.values
     chart = verb.domain.chart
-    points, asked = chart.points(verb.values), chart.points(places)
-    wanted = np.array([nearest_in_hull(points, place) for place in asked])
+    points, requested = chart.points(verb.values), chart.points(places)
+    wanted = np.array([nearest_in_hull(points, place) for place in requested])
     np.testing.assert_allclose(chart.points(reached), wanted, atol=1e-6)
 
 

@@ -156,13 +156,13 @@ def test_style_is_met_beside_the_goal():
         bases={"rbf": bases.cardinal(chart, values)},
     )
     method, weights = Inverse.of_verb(tired, k=9), np.random.default_rng(0).dirichlet(np.ones(9), 20)
-    asked = random_points(tired, np.random.default_rng(1), 20, gauge=(0.0, 0.3))
+    requested = random_points(tired, np.random.default_rng(1), 20, gauge=(0.0, 0.3))
     goal = Goal.of_verb(tired)
-    error = goal.compare(asked, goal.measured(weights))[1]
+    error = goal.compare(requested, goal.measured(weights))[1]
     extent = np.linalg.norm(np.ptp(arm.values, axis=0)) / 100.0
-    wanted = error**2 + (extent * (weights @ values[:, 2] - asked[:, 2])) ** 2
-    np.testing.assert_allclose(method.cost(asked, weights), wanted, rtol=1e-9)
-    assert np.median(method.cost(asked, method.weights(asked))) < 1e-12
+    wanted = error**2 + (extent * (weights @ values[:, 2] - requested[:, 2])) ** 2
+    np.testing.assert_allclose(method.cost(requested, weights), wanted, rtol=1e-9)
+    assert np.median(method.cost(requested, method.weights(requested))) < 1e-12
 
 
 def test_a_warm_start_is_never_worse(reach):

@@ -38,7 +38,7 @@ def test_at_an_example_it_alone_has_weight(reach, method):
 
 
 def test_pseudo_examples_stand_where_their_blends_reach(reach, method):
-    """The inverse map of the method: asked for what a pseudo-example reaches, it answers with that mix."""
+    """The inverse map of the method: the measured adverbs of a pseudo-example give its weights."""
     goal = Evaluator(reach).goal
     mixes = np.zeros((len(method.members), len(reach.examples)))
     np.add.at(mixes, (np.arange(len(mixes))[:, None], method.members), method.shares)

@@ -128,7 +128,7 @@ def test_a_loop_goes_round(looping):
 
 @pytest.mark.parametrize("looping", [True, False])
 def test_who_is_held_at_the_end_of_a_loop_stays_there(looping):
-    """Its end is the start of the next cycle, but nobody has walked that one."""
+    """Its end is the start of the next cycle, which has not been walked."""
     for kept in ({"speed": 0.0}, {"playing": 0.0}, {"fresh": 1.0}, {"speed": -1.0, "fresh": 1.0}):
         rows, _ = advanced(1.0, loop=1.0, looping=looping, **kept)
         assert rows["phase"][0] == 1.0

@@ -96,7 +96,7 @@ class Package:
     def call(self) -> tuple[dict[str, float], list[str]]:
         """Results of all kernels, and the names of those that were compiled rather than loaded."""
         paths = os.pathsep.join([str(self.folder.parent), str(Path(compiling.__file__).parents[2])])
-        told = subprocess.run(
+        reply = subprocess.run(
             [sys.executable, "-B", "-W", "error", "-c", CALL],
             env=self.environment | {"PYTHONPATH": paths},
             capture_output=True,
@@ -104,8 +104,8 @@ class Package:
             timeout=240,
             check=False,
         )
-        assert told.returncode == 0, told.stderr
-        results, misses = json.loads(told.stdout)
+        assert reply.returncode == 0, reply.stderr
+        results, misses = json.loads(reply.stdout)
         return results, misses
 
 

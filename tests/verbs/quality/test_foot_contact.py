@@ -56,7 +56,7 @@ def test_a_foot_held_still_in_the_air_does_not_stand():
 
 
 def test_a_foot_that_is_never_sure_to_stand_does_not():
-    """Between the two speeds it may go on standing, but not begin to."""
+    """Between the two speeds a contact may continue, but not begin."""
     places = np.zeros((60, 1, 3))
     places[:, 0, 2] = 0.2 * np.arange(60) / foot_contact.RATE_HZ
     assert not foot_contact.detect(places, 0.0).any()

@@ -47,7 +47,7 @@ def test_whole_blends_are_as_lively_as_the_examples(mocap, verb_of, name):
         for row in np.eye(len(verb.examples))
     ]
     assert np.median(peaks) <= 1.15 * np.median(own)
-    # One corner of kick's twelve examples is met at 2.5 times their own peak; docs/math.md, "What it costs", says so.
+    # One corner of kick's twelve examples is met at 2.5 times their own peak; docs/math.md, section "What it costs".
     assert max(peaks) <= (1.3 if name != "kick" else 3.0) * max(own)
 
 

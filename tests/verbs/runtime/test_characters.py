@@ -137,7 +137,7 @@ def test_speed_and_pause(reach):
     reach.set(slot, playing=True)
     assert play(reach, slot, 30)[2][-1].progress["time_s"][0] == pytest.approx(0.5)
     reach.set(slot, phase=0.8)
-    assert play(reach, slot, 1)[2][0].progress["phase"][0] == 0.8  # a phase is shown before it goes on
+    assert play(reach, slot, 1)[2][0].progress["phase"][0] == 0.8  # the first frame shows the phase
     reach.remove(slot)
 
 
@@ -208,7 +208,7 @@ def test_who_is_held_at_a_seam_does_not_walk(people_of, phase):
 
 @pytest.mark.parametrize("name", ["reach", "punch", "kick"])
 def test_a_path_between_goals_stays_in_the_domain(people_of, name):
-    """Also from one side of the cut to the other, the long way round."""
+    """Also across the cut, by the longer path."""
     people = people_of(name)
     chart, values = people.verb.domain.chart, people.verb.values
     points = chart.points(values)
@@ -231,7 +231,7 @@ def test_who_has_settled_is_not_blended_again(people_of, monkeypatch):
     slot = people.add(start)
     people.aim(slot, people.row(goal))
     play(people, slot, 120)
-    monkeypatch.setattr(people.evaluator, "blend", None)  # whoever calls it fails
+    monkeypatch.setattr(people.evaluator, "blend", None)  # calls fail
     _, rotations, (frame,) = play(people, slot, 1)
     monkeypatch.undo()
     chart = people.verb.domain.chart
@@ -246,7 +246,7 @@ def test_who_has_settled_is_not_blended_again(people_of, monkeypatch):
 def test_who_is_on_the_way_or_held_at_a_goal_is_restless(reach):
     one, other = mixes(reach, 2)
     slots = np.array([reach.add(one, half_life_s=0.02), reach.add(one, half_life_s=0.0, looping=True)])
-    assert reach.restless(slots) == 2  # nobody has seen them
+    assert reach.restless(slots) == 2  # none has had a frame
     reach.step(slots, STEP_S)
     assert reach.restless(slots) == 0
     for slot in slots:

@@ -112,7 +112,7 @@ def test_a_bad_request_is_a_typed_error(arm, adverbs, options, error, message):
 
 
 def test_a_loop_has_no_jump_at_the_seam(mocap, verb_of):
-    """Position and velocity of every joint go on across the end of a cycle, for blends too."""
+    """Position and velocity of every joint are continuous across the end of a cycle, for blends too."""
     evaluator = Evaluator(verb_of("locomotion"))
     rows = np.random.default_rng(4).dirichlet(np.full(19, 0.3), 8) @ evaluator.verb.values
     for row in rows:

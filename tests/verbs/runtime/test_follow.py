@@ -69,8 +69,8 @@ def test_a_held_hand_follows_its_goal(people_of, name, part):
     people = people_of(name)
     verb, (start, end), centre = people.verb, people.window, inside(people)
     slot = people.add(centre, phase=(1 - part) * start + part * end, playing=False)
-    for frame, asked in enumerate(circle(centre)):
-        people.aim(slot, people.row(asked))
+    for frame, requested in enumerate(circle(centre)):
+        people.aim(slot, people.row(requested))
         root, rotations, (shown,) = play(people, slot, 1)
         goal = verb.domain.chart.adverbs(people._shown[slot][None])
         hand = joints(verb, root[0], rotations[0])[:, verb.measure.effector]
@@ -115,7 +115,7 @@ def test_holding_and_letting_go_do_not_jolt(people_of, name):
     seam = np.isin(np.arange(1, len(places) - 1), [stop - 1, go - 1, go])
     peak = own_peak(people, inside(people), people.verb)
     # A kick is held half a metre off its goal at the window's first phase; with the weights that bring its foot there
-    # it goes on 1.7 times as fast, until these have faded.
+    # it continues 1.7 times as fast, until these have faded.
     bound = {"kick": 1.55}.get(name, 1.2)
     assert pushed[~seam].max() <= bound * max(peak, 5.77 * way / character_state.FADE_S**2)
     lengths = np.linalg.norm(steps, axis=-1).max(axis=1)

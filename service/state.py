@@ -11,6 +11,7 @@ import anyio
 import numpy as np
 import structlog
 
+from service import wire
 from service.catalog import catalog as catalogs
 from service.catalog.catalog import Catalog, Entry
 from service.catalog.store_sync import StoreSync, load_with_retry
@@ -23,7 +24,6 @@ from service.refinement.scheduler import Scheduler
 from service.refinement.usage import MAX_RECORDED, Adverbs, Usage
 from service.settings import Settings
 from service.store.store import Store, StoreUnavailable
-from service.stream import packing
 from service.stream.hub import Hub
 from service.upload.builder import Builder, Sandboxes
 from service.upload.spawned import Spawned
@@ -155,7 +155,7 @@ class ServerState:
 
     def _load(self) -> Catalog:
         """Warm kernels, open the store, and load the verbs."""
-        packing.warm()
+        wire.warm()
         settings = self.settings
         if settings.data is None:
             return catalogs.load(None)

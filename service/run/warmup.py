@@ -27,11 +27,11 @@ def load_serving() -> None:
     import httptools  # noqa: F401 - uvicorn imports it by name
     import uvloop  # noqa: F401 - the same
 
+    from service import wire
     from service.catalog import catalog
     from service.run import server  # noqa: F401
-    from service.stream import packing
 
-    packing.warm()
+    wire.warm()
     catalog.load(None)
 
 
@@ -88,12 +88,12 @@ def main() -> None:
 
 def _compile() -> None:
     """Compile the kernels of streams and of the methods but the longest."""
-    from service.stream import packing
+    from service import wire
     from verbs import library
     from verbs.runtime.characters import Characters
     from verbs.runtime.evaluate import Evaluator
 
-    packing.warm()
+    wire.warm()
     Characters(Evaluator(library.load("arm3"))).warm()
     _evaluate("barycentric")
 

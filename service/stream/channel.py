@@ -9,8 +9,8 @@ import numpy as np
 
 from service.catalog.catalog import Entry
 from service.stream.messages import Open
-from service.stream.packing import Layout, offsets_in
 from service.stream.session import Channel
+from service.wire import Layout, offsets_in
 
 __all__ = ["layout_of", "opened"]
 

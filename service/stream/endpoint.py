@@ -22,12 +22,12 @@ from service.stream.hub import Hub
 from service.stream.messages import CLIENT, Close, Open, Ping, Resume, Set, Switch
 from service.stream.session import Session
 from service.stream.transport import TRANSPORT, StreamProtocol
+from service.wire import OP_ADVERBS
 from verbs.errors import VerbError
 
 __all__ = ["SUBPROTOCOL", "route"]
 
 SUBPROTOCOL = "adverb.v1"
-OP_ADVERBS = 0x10
 MAX_CHANNEL = 65_535
 TOO_MANY = 4029
 

@@ -9,7 +9,7 @@ from typing import Any
 from service.stream.connection import TOO_SLOW, Connection, text
 from service.stream.group import Group
 from service.stream.messages import Open
-from service.stream.packing import HEADER, OP_POSES, WIRE, Layout
+from service.wire import HEADER, OP_POSES, WIRE, Layout
 
 __all__ = ["MAX_PENDING", "TAKEN_OVER", "Channel", "Session"]
 

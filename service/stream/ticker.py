@@ -15,9 +15,8 @@ import numpy as np
 
 from service.metrics import Metrics
 from service.stream.group import Group
-from service.stream.packing import HEADER_WORDS, U32, Targets, pack
 from service.stream.session import Channel, Session
-from service.wire import NEW_VERSION
+from service.wire import HEADER_WORDS, NEW_VERSION, U32, Targets, pack
 from verbs.conventions import F64, I64
 from verbs.kernels import pose as kernels
 from verbs.runtime.characters import Frames

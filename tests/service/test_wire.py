@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from service import wire
+from tests.service.records import records_of
 from verbs.runtime.evaluate import Blend, Poses
 
 
@@ -44,7 +45,7 @@ def test_one_record_is_the_same_in_both_ways(joints):
 def test_decoding_gives_back_what_was_encoded():
     batch = poses(50, 5)
     rows = wire.encode(batch, batch.rotations, 2, channels=np.arange(50))
-    again = wire.decode(rows.tobytes(), 5)
+    again = records_of(rows.tobytes(), 5)
     np.testing.assert_array_equal(again, rows)
     np.testing.assert_array_equal(again["flags"] == wire.CLAMPED, batch.blend.clamped)
 
@@ -53,4 +54,4 @@ def test_a_cut_record_is_refused():
     batch = poses(2, 5)
     content = wire.encode(batch, batch.rotations, 2).tobytes()
     with pytest.raises(ValueError, match="buffer size"):
-        wire.decode(content[:-1], 5)
+        records_of(content[:-1], 5)

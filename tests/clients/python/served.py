@@ -8,11 +8,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from service import wire
 from service.app import create_app
 from service.catalog.catalog import Catalog
 from service.run.server import Server, config_of
 from service.settings import Settings
-from service.stream import packing
 
 
 @contextmanager
@@ -22,7 +22,7 @@ def serve(catalog: Catalog) -> Iterator[str]:
     app = create_app(settings)
 
     async def opened() -> None:
-        packing.warm()
+        wire.warm()
         app.state.server.set_catalog(catalog)
 
     app.state.server.run = opened

@@ -6,6 +6,7 @@ import pytest
 from service import compute, wire
 from service.http import evaluation
 from tests.service.conftest import ARM, SWAY, app_of, client_of
+from tests.service.records import records_of
 from verbs.kernels import fk
 from verbs.runtime import describe
 
@@ -53,7 +54,7 @@ async def test_binary_says_what_json_says(client):
     answer = await ask(client, headers=OCTETS, **body)
     assert answer.headers["content-type"] == "application/octet-stream"
     assert len(answer.content) == 24 + 12 + 16 * 4
-    (record,) = wire.decode(answer.content, 4)
+    (record,) = records_of(answer.content, 4)
     np.testing.assert_array_equal(record["rotations"], np.float32(reply["rotations"]))
     np.testing.assert_array_equal(record["root"], np.float32(reply["root"]))
     for name in ("phase", "time", "duration", "error"):
@@ -65,7 +66,7 @@ async def test_a_pose_that_cannot_be_measured_has_no_error(client):
     reply = (await ask(client, verb="sway", adverbs=SWAY, max_error=0.1)).json()
     assert reply["error"] is None
     assert reply["met"] is None
-    (record,) = wire.decode((await ask(client, verb="sway", adverbs=SWAY, headers=OCTETS)).content, 3)
+    (record,) = records_of((await ask(client, verb="sway", adverbs=SWAY, headers=OCTETS)).content, 3)
     assert np.isnan(record["error"])
 
 
@@ -94,7 +95,7 @@ async def test_joints_are_given_in_the_order_asked_for(client, catalog):
     reply = (await ask(client, adverbs=ARM, phase=0.5, joints=[names[2], names[0]])).json()["rotations"]
     assert reply == [whole[2], whole[0]]
     content = (await ask(client, adverbs=ARM, phase=0.5, joints=[names[2], names[0]], headers=OCTETS)).content
-    np.testing.assert_array_equal(wire.decode(content, 2)["rotations"][0], np.float32(reply))
+    np.testing.assert_array_equal(records_of(content, 2)["rotations"][0], np.float32(reply))
 
 
 async def test_remembered_joint_subsets_are_bounded(client, catalog):
@@ -110,7 +111,7 @@ async def test_far_adverbs_are_clamped_and_the_error_is_told(client):
     assert reply["clamped"]
     assert reply["error"] > 1.0
     assert reply["met"] is False
-    (record,) = wire.decode((await ask(client, adverbs={"x": 50.0, "y": 0.0}, headers=OCTETS)).content, 4)
+    (record,) = records_of((await ask(client, adverbs={"x": 50.0, "y": 0.0}, headers=OCTETS)).content, 4)
     assert record["flags"] == wire.CLAMPED
 
 
@@ -145,7 +146,7 @@ async def test_a_binary_batch_equals_the_same_in_json(client):
         headers={"Content-Type": "application/octet-stream", **OCTETS},
     )
     assert answer.status_code == 200
-    records = wire.decode(answer.content, 4)
+    records = records_of(answer.content, 4)
     reply = (await ask(client, route="poses", items=items, method="rbf")).json()["poses"]
     np.testing.assert_array_equal(records["channel"], np.arange(33))
     np.testing.assert_allclose(records["rotations"], [pose["rotations"] for pose in reply], atol=2e-6)
@@ -160,7 +161,7 @@ async def test_channels_of_a_large_crowd_wrap(client, catalog):
             content=rows.tobytes(),
             headers={"Content-Type": "application/octet-stream", **OCTETS},
         )
-    np.testing.assert_array_equal(wire.decode(answer.content, 1)["channel"], np.arange(66_000) % 65_536)
+    np.testing.assert_array_equal(records_of(answer.content, 1)["channel"], np.arange(66_000) % 65_536)
 
 
 async def test_items_may_give_times(client):

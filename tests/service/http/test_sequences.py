@@ -5,6 +5,7 @@ import pytest
 
 from service import wire
 from tests.service.conftest import ARM, SWAY, app_of, client_of
+from tests.service.records import records_of
 from verbs.errors import OutOfRange, RequestError
 from verbs.io import bvh
 from verbs.runtime import sequence
@@ -94,7 +95,7 @@ def test_events_of_a_sequence_are_the_blended_keytimes(catalog):
 async def test_binary_frames_equal_json_and_the_last_is_flagged(client):
     reply = (await ask(client, adverbs=ARM)).json()
     answer = await ask(client, adverbs=ARM, headers={"Accept": "application/octet-stream"})
-    records = wire.decode(answer.content, 4)
+    records = records_of(answer.content, 4)
     np.testing.assert_array_equal(records["rotations"], np.float32(reply["rotations"]))
     np.testing.assert_array_equal(records["time"], np.float32(reply["times"]))
     assert records["flags"].tolist() == [0] * (reply["frames"] - 1) + [wire.LAST]

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from websockets.asyncio.client import connect
 
+from service import wire
 from service.app import create_app
 from service.run.server import Server as Uvicorn
 from service.run.server import config_of
 from service.settings import Settings
-from service.stream import packing
 from tests.warm import Sandboxes, Workers
 
 HEADER = struct.Struct("<BBHIQI")
@@ -36,7 +36,7 @@ class Server:
 
         async def loaded():
             self.loop = asyncio.get_running_loop()
-            packing.warm()
+            wire.warm()
             self.state.set_catalog(catalog)
 
         self.state.run = loaded

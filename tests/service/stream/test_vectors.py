@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from service.stream.messages import CLIENT, SERVER
-from service.stream.packing import HEADER, OP_POSES, WIRE, Layout, Targets, pack
+from service.wire import HEADER, OP_POSES, WIRE, Layout, Targets, pack
 from verbs.kernels import character_state
 from verbs.runtime.characters import Frames
 from verbs.runtime.evaluate import Blend

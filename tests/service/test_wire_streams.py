@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.stream.packing import ENCODINGS, FRAMES, HEADER, Layout, Targets, offsets_in, pack
+from service.wire import ENCODINGS, FRAMES, HEADER, Layout, Targets, offsets_in, pack
 from tests.service.stream.conftest import Client, rotation
 from verbs.kernels import character_state, quat
 from verbs.runtime.characters import Frames
 from verbs.runtime.evaluate import Blend
 from verbs.skeleton import Skeleton
 
-GOLDEN = Path(__file__).parents[2] / "golden" / "pose_message.v1.bin"
-DOCUMENT = Path(__file__).parents[3] / "docs" / "wire.md"
+GOLDEN = Path(__file__).parents[1] / "golden" / "pose_message.v1.bin"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "wire.md"
 
 TURN = np.sqrt(0.5)
 POSE = np.array([[0.0, 0.0, 0.0, 1.0], [TURN, 0.0, 0.0, TURN], [0.5, -0.5, 0.5, -0.5]])

@@ -11,7 +11,7 @@ import typer
 from pydantic import ValidationError
 
 from service.run import fork
-from service.run.listener import CannotServe
+from service.run.listener import CannotServe, folder_problem
 from service.settings import Settings
 from verbs import cli
 
@@ -81,8 +81,9 @@ def worker_command(
     if settings.data is None:
         settings = settings.model_copy(update={"data": DEFAULT_DATA})
     folder = settings.data
-    if folder is not None and not folder.is_dir() and None in (settings.database_url, settings.artifact_url):
-        typer.echo(f"error: the data folder {folder} does not exist; name the server's (--data)", err=True)
+    needed = folder if None in (settings.database_url, settings.artifact_url) else None
+    if needed is not None and (problem := folder_problem(needed)):
+        typer.echo(f"error: {problem}; name the folder of the server (--data)", err=True)
         raise typer.Exit(USER_ERROR)
     os.nice(nice)  # before the imports, which take seconds
     from service.refinement.errors import JobError

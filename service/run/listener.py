@@ -5,10 +5,11 @@ from __future__ import annotations
 import ipaddress
 import socket
 from collections.abc import Sequence
+from pathlib import Path
 
 from service.settings import Settings
 
-__all__ = ["CannotServe", "check", "greeting", "listen"]
+__all__ = ["CannotServe", "check", "folder_problem", "greeting", "listen"]
 
 
 class CannotServe(Exception):
@@ -57,9 +58,18 @@ def listen(settings: Settings, *, shared: bool = False) -> socket.socket:
 
 
 def check(settings: Settings) -> None:
-    """Raise :class:`CannotServe` where there is no such data folder."""
-    if settings.data is not None and not settings.data.is_dir():
-        raise CannotServe(f"the data folder {settings.data} does not exist; make it, or name another (--data)")
+    """Raise :class:`CannotServe` if the data folder is missing or a file."""
+    if settings.data is not None and (problem := folder_problem(settings.data)):
+        raise CannotServe(f"{problem}; create the folder, or name another one (--data)")
+
+
+def folder_problem(data: Path) -> str | None:
+    """Why a path cannot be the data folder; None if it can."""
+    if data.is_dir():
+        return None
+    if data.exists():
+        return f"{data} is a file, and --data is the folder that holds verbs"
+    return f"the data folder {data} does not exist"
 
 
 def greeting(

@@ -128,6 +128,15 @@ def test_a_missing_data_folder_is_reported(tmp_path):
     assert f"the data folder {tmp_path / 'no'} does not exist" in refused("--data", str(tmp_path / "no"))
 
 
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_a_data_folder_that_is_a_file_is_reported(tmp_path, command):
+    file = tmp_path / "reach.verb"
+    file.write_bytes(b"")
+    result = CliRunner().invoke(library_cli.app, [command, "--data", str(file)])
+    assert result.exit_code == 1
+    assert f"{file} is a file, and --data is the folder that holds verbs" in result.stderr
+
+
 def test_a_wrong_setting_is_named(monkeypatch):
     monkeypatch.setenv("ADVERB_PORT", "many")
     assert refused().startswith("error: ADVERB_PORT (--port): ")

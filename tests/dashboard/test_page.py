@@ -12,7 +12,7 @@ import pytest
 from tests.dashboard.conftest import PATIENCE_S, PROJECT, opened
 from verbs import library
 
-pytestmark = [pytest.mark.slow]
+pytestmark = [pytest.mark.xdist_group("dashboard"), pytest.mark.slow]
 
 TABS = ["Verb", "Quality", "Versions", "Service", "Upload"]
 
@@ -242,6 +242,8 @@ def test_the_whole_motion_is_in_the_picture(page):
         for phase in (0.0, 0.25, 0.5, 0.75, 1.0):
             page.tab.get_by_role("slider", name="Phase").fill(str(phase))
             page.until(f"Math.abs(adverb.shown.main?.phase - {phase}) < 1e-3")
+            frames = page.state("adverb.drawn.frames")
+            page.until(f"adverb.drawn.frames > {frames} && adverb.drawn.figure !== null")
             left, top, right, bottom = page.state("adverb.drawn.figure")
             assert min(left, top, wide - right, high - bottom) >= 0, (verb, phase)
 
@@ -290,7 +292,8 @@ def test_keyboard_shortcuts(page):
     page.open(verb="arm3")
     page.tab.keyboard.press("Space")
     assert page.state("adverb.view.playing") is False
-    page.tab.keyboard.press("3")
+    verbs = page.tab.get_by_role("combobox", name="Verb").locator("option").all_inner_texts()
+    page.tab.keyboard.press(str(1 + verbs.index("reach")))
     page.until("adverb.shown.main?.verb === 'reach'")
     page.tab.keyboard.press("?")
     page.tab.get_by_role("dialog", name="Keyboard shortcuts").wait_for()

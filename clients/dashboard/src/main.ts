@@ -50,7 +50,7 @@ function start(): void {
   document.body.append(header(page, help), scene, panel(page, verbTab(page, reset)), keys);
   bindKeys(page, reset, help);
   try {
-    stage = createStage(canvas);
+    stage = createStage(canvas, store.view.detail);
   } catch (err) {
     page.notify(err instanceof Error ? err.message : String(err), "error");
   }

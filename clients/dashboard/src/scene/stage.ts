@@ -33,9 +33,13 @@ export class NoWebGL extends Error {
 /** Phase tolerance of the keytime for the distance label. */
 const AT_KEYTIME = 0.012;
 
-export function createStage(host: HTMLElement): Stage {
+export function createStage(host: HTMLElement, detail: "high" | "low"): Stage {
   const surface = document.createElement("canvas");
-  const context = surface.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "high-performance" });
+  const context = surface.getContext("webgl2", {
+    antialias: detail === "high",
+    alpha: true,
+    powerPreference: "high-performance",
+  });
   if (!context) throw new NoWebGL();
   return new WebGLStage(host, surface, context);
 }

@@ -222,7 +222,7 @@ async def test_binary_rows_are_checked_like_json(client, row):
 
 async def test_options_in_the_query_of_a_json_body_are_refused(client):
     answer = await client.post("/v1/verbs/arm3/poses?method=rbf", json={"items": [{"adverbs": ARM}]})
-    assert "'method' stands in the query" in problem(answer, 422, "bad_request")["detail"]
+    assert "'method' is in the query" in problem(answer, 422, "bad_request")["detail"]
     answer = await client.post("/v1/verbs/arm3/poses?space=outer", json={"items": [{"adverbs": ARM}]})
     assert problem(answer, 422, "invalid_request")["errors"][0]["at"] == "query.space"
 
@@ -236,7 +236,10 @@ async def test_options_in_the_query_of_a_json_body_are_refused(client):
     ],
 )
 async def test_items_that_mix_phase_and_time_are_refused(client, items):
-    assert "give all the same" in problem(await post(client, route="poses", items=items), 422, "bad_request")["detail"]
+    assert (
+        "all must have the same"
+        in problem(await post(client, route="poses", items=items), 422, "bad_request")["detail"]
+    )
 
 
 async def test_an_empty_batch_is_refused(client):

@@ -11,7 +11,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from service.catalog.catalog import Entry
-from service.refinement.worker.acceptance import judge
+from service.refinement.worker.acceptance import compare
 from tests.service.conftest import sway_source
 from verbs import library
 from verbs.authoring.fit import build
@@ -40,7 +40,7 @@ def work() -> None:
     verb, rules = library.load("arm3"), Rules(target_error=0.0, max_pseudo=3)
     *_, last = refine(verb, rules)
     new = with_basis(verb, last.basis, rules, last.mark)
-    judge(verb, new, "hybrid", random_points(verb, np.random.default_rng(0), 10))
+    compare(verb, new, "hybrid", random_points(verb, np.random.default_rng(0), 10))
     Entry.of_verb(new, path=folder)
     sys.stdout.write(json.dumps({"before": before, "after": loaded(), "plots": "matplotlib" in sys.modules}))
 

@@ -321,15 +321,15 @@ def _quality(verb: Verb, motions: list[Motion], keytimes: F64) -> dict[str, Any]
     quality: dict[str, Any] = {
         "domain": describe(verb),
         "condition": verb.bases["rbf"].condition,
-        "curve_error_max_m": _curve_error(evaluator, motions, keytimes),
+        "curve_error_max_m": _figure(_curve_error(evaluator, motions, keytimes)),
         "unit": verb.measure.unit,
     }
     if evaluator.goal.measurable:
         points = random_points(verb, np.random.default_rng(7), QUALITY_POINTS)
         quality |= {
-            "error_examples_max_m": float(evaluator.blend(verb.values).error.max()),
+            "error_examples_max_m": _figure(evaluator.blend(verb.values).error.max()),
             "samples": QUALITY_POINTS,
-            "diagonal_m": diagonal(verb),
+            "diagonal_m": _figure(diagonal(verb)),
             "method": default_method(verb),
             "methods": {name: _inside(evaluator, name, points) for name in ("rbf", default_method(verb))},
         }
@@ -340,10 +340,19 @@ def _inside(evaluator: Evaluator, method: str, points: F64) -> dict[str, float]:
     """Error and sum of absolute weights of one method inside the domain."""
     blend = evaluator.blend(points, method=method)
     return {
-        "error_mean_m": float(blend.error.mean()),
-        "error_max_m": float(blend.error.max()),
-        "weight_sum_max": float(np.abs(blend.weights).sum(axis=1).max()),
+        "error_mean_m": _figure(blend.error.mean()),
+        "error_max_m": _figure(blend.error.max()),
+        "weight_sum_max": _figure(np.abs(blend.weights).sum(axis=1).max()),
     }
+
+
+def _figure(value: float) -> float:
+    """A measured figure with the digits that mean something: nine, and none below 1e-11.
+
+    The last digits depend on the order of sums, which differs between a kernel that was just compiled and the same
+    kernel from the cache; a build gives the same bytes either way.
+    """
+    return float(f"{round(float(value), 11):.9g}")
 
 
 def _curve_error(evaluator: Evaluator, motions: list[Motion], keytimes: F64) -> float:

@@ -14,6 +14,7 @@ from verbs.domain import random_points
 from verbs.goal import diagonal
 from verbs.quality.smoothness import smoothness
 from verbs.runtime.evaluate import Evaluator
+from verbs.units import quantity
 from verbs.verb import Verb
 
 __all__ = ["HELD_OUT", "SMOOTHNESS_LIMIT", "Comparison", "Figures", "compare", "held_out", "method_of"]
@@ -52,7 +53,9 @@ class Comparison:
     points : int
         Number of held-out points.
     diagonal_m : float
-        Diagonal of the examples' goals, metres.
+        Diagonal of the examples' goals, in the unit of the error.
+    unit : str
+        Unit of the error: m, or m/s.
     reasons : tuple of str
         Why the new one is not better; empty if it is.
     """
@@ -61,6 +64,7 @@ class Comparison:
     new: Figures
     points: int
     diagonal_m: float
+    unit: str
     reasons: tuple[str, ...]
 
     @property
@@ -72,10 +76,14 @@ class Comparison:
     def text(self) -> str:
         """One sentence with the figures."""
         now, new = self.now, self.new
+        mean, largest, mean_now, largest_now = (
+            quantity(error, self.unit)
+            for error in (new.error_mean_m, new.error_max_m, now.error_mean_m, now.error_max_m)
+        )
         text = (
-            f"at {self.points} held-out points the error by '{new.method}' is {new.error_mean_m:.4g} m on average and "
-            f"{new.error_max_m:.4g} m at most (now by '{now.method}': {now.error_mean_m:.4g} and "
-            f"{now.error_max_m:.4g}), and κ is {new.smoothness:.4g} (now {now.smoothness:.4g})"
+            f"at {self.points} held-out points the mean error by '{new.method}' is {mean}, the largest {largest} "
+            f"(before, by '{now.method}': {mean_now} and {largest_now}), and κ is {new.smoothness:.3g} "
+            f"(before {now.smoothness:.3g})"
         )
         return text if self.better else f"not better: {', '.join(self.reasons)}; {text}"
 
@@ -110,7 +118,7 @@ def compare(now: Verb, new: Verb, method: str, points: F64) -> Comparison:
         reasons.append("its largest error is not lower")
     if not fresh.smoothness <= SMOOTHNESS_LIMIT * old.smoothness:
         reasons.append(f"its κ is more than {SMOOTHNESS_LIMIT} times the current one's")
-    return Comparison(old, fresh, len(points), diagonal(now), tuple(reasons))
+    return Comparison(old, fresh, len(points), diagonal(now), now.measure.unit, tuple(reasons))
 
 
 def _figures(verb: Verb, method: str, points: F64) -> Figures:

@@ -48,6 +48,7 @@ def test_a_child_starts_clean(script):
     assert (
         script("""
         signal.signal(signal.SIGTERM, lambda *_: print("the parent's handler"))
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
         extra, kept = os.open("/dev/null", os.O_RDONLY), os.open("/dev/null", os.O_RDONLY)
         parent.later(1000.0, print)
 

@@ -168,7 +168,7 @@ export interface paths {
          * Describe a verb
          * @description Describe one verb: adverbs and their ranges, skeleton, examples, domain, methods, measured quality.
          *
-         *     The answer carries an `ETag`; send it back as `If-None-Match` to be told in a few bytes that nothing changed.
+         *     The answer carries an `ETag`; with it as `If-None-Match` an unchanged verb is answered 304.
          */
         get: operations["describe_verb"];
         put?: never;
@@ -499,7 +499,7 @@ export interface components {
         Close: {
             /**
              * Channel
-             * @description A character; the client numbers its own.
+             * @description Number of a character, chosen by the client.
              */
             channel: number;
             /**
@@ -510,7 +510,7 @@ export interface components {
         };
         /**
          * Drain
-         * @description The server is about to stop.
+         * @description The server is shutting down.
          */
         Drain: {
             /** Detail */
@@ -538,7 +538,7 @@ export interface components {
         };
         /**
          * Error
-         * @description A message could not be done; nothing else changed.
+         * @description A message was rejected; nothing changed.
          */
         Error: {
             /** Channel */
@@ -616,7 +616,7 @@ export interface components {
             } | null;
             /**
              * Channel
-             * @description A character; the client numbers its own.
+             * @description Number of a character, chosen by the client.
              */
             channel: number;
             /**
@@ -644,7 +644,7 @@ export interface components {
             frame: "gltf" | "unity" | "unreal" | "zup";
             /**
              * Half Life
-             * @description Seconds in which half of the way to a new goal is done; 0 is at once.
+             * @description Half-life of the distance to a new goal, seconds; 0 follows at once.
              * @default 0.1
              */
             half_life: number;
@@ -687,7 +687,7 @@ export interface components {
             space: "local" | "global";
             /**
              * Speed
-             * @description 1 is the examples' own; may be negative.
+             * @description 1 is the speed of the examples; may be negative.
              * @default 1
              */
             speed: number;
@@ -696,7 +696,7 @@ export interface components {
         };
         /**
          * Opened
-         * @description A channel is open, has another verb, or was resumed.
+         * @description A channel was opened, switched or resumed.
          */
         Opened: {
             /** Adverbs */
@@ -747,7 +747,7 @@ export interface components {
         };
         /**
          * Ping
-         * @description Ask for the server's clock.
+         * @description Request the server's clock.
          */
         Ping: {
             /**
@@ -1159,7 +1159,7 @@ export interface components {
         };
         /**
          * Resume
-         * @description Take over a session whose connection was lost.
+         * @description Resume a session whose connection was lost.
          */
         Resume: {
             /** Last Seq */
@@ -1310,7 +1310,7 @@ export interface components {
         ServerMessage: components["schemas"]["Hello"] | components["schemas"]["Opened"] | components["schemas"]["Version"] | components["schemas"]["Event"] | components["schemas"]["End"] | components["schemas"]["Pong"] | components["schemas"]["Error"] | components["schemas"]["Drain"];
         /**
          * Set
-         * @description Change a character: what is given changes, the rest stays.
+         * @description Change the given fields of a character.
          */
         Set: {
             /**
@@ -1322,7 +1322,7 @@ export interface components {
             } | null;
             /**
              * Channel
-             * @description A character; the client numbers its own.
+             * @description Number of a character, chosen by the client.
              */
             channel: number;
             /**
@@ -1386,7 +1386,7 @@ export interface components {
         };
         /**
          * StreamKeytime
-         * @description A keytime, and where it lies in the motion.
+         * @description A keytime and its phase.
          */
         StreamKeytime: {
             /** Name */
@@ -1408,7 +1408,7 @@ export interface components {
         };
         /**
          * Switch
-         * @description Pass to another verb of the same skeleton.
+         * @description Switch to another verb of the same skeleton.
          */
         Switch: {
             /**
@@ -1420,7 +1420,7 @@ export interface components {
             } | null;
             /**
              * Channel
-             * @description A character; the client numbers its own.
+             * @description Number of a character, chosen by the client.
              */
             channel: number;
             /**
@@ -1604,7 +1604,7 @@ export interface components {
         };
         /**
          * Version
-         * @description A channel goes on with another version of its verb.
+         * @description A channel continues with another version of its verb.
          */
         Version: {
             /** Channel */

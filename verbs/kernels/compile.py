@@ -178,7 +178,7 @@ def _constant_text(name: str, value: Any) -> str:
         return f"{value.__qualname__} {value._fields}"
     if isinstance(value, type) and issubclass(value, Enum):
         return f"{value.__qualname__} {[(member.name, member.value) for member in value]}"
-    raise TypeError(f"'{name}' is a {type(value).__name__}; the cache cannot tell when it changes: use a constant")
+    raise TypeError(f"'{name}' is a {type(value).__name__}: its changes cannot be detected; use a constant")
 
 
 def _bundles(types: Any) -> tuple[Any, ...]:

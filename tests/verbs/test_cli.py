@@ -152,3 +152,9 @@ def test_a_loop_can_be_exported_for_several_cycles(mocap, tmp_path):
     motion = bvh.read(tmp_path / "walk.bvh")
     speed = np.linalg.norm(motion.root[-1, [0, 2]]) / motion.duration_s
     assert speed == pytest.approx(1.2, rel=0.05)
+
+
+def test_shell_completion_can_be_installed():
+    options = CliRunner().invoke(app, ["--help"]).stdout
+    assert "--install-completion" in options
+    assert "--show-completion" in options

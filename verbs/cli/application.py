@@ -21,7 +21,7 @@ __all__ = ["app", "main", "run"]
 app = typer.Typer(
     name="adverb",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode="rich",
 )
 

@@ -285,7 +285,7 @@ class Verb:
             len(self.phases),
         )
         keys = self.curves.shape[0] - 2
-        _check(NAME.fullmatch(self.name) is not None, f"'{self.name}' is no verb name ({NAME.pattern})")
+        _check(NAME.fullmatch(self.name) is not None, f"'{self.name}' is not a verb name ({NAME.pattern})")
         _check(1 <= dims <= MAX_ADVERBS and 2 <= count <= MAX_EXAMPLES, "too few or too many adverbs or examples")
         _check(2 <= marks <= MAX_KEYTIMES and 2 <= keys <= MAX_KEYS, "too few or too many keytimes or keys")
         _check(len({adverb.name for adverb in self.adverbs}) == dims, "two adverbs have one name")

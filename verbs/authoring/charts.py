@@ -58,7 +58,7 @@ def choose(source: Source, measure: Measure, values: F64, *, start: F64) -> tupl
     if not full or source.chart == "identity":
         if source.chart == "cylinder":
             raise SourceError(source.path, "chart 'cylinder' needs a joint position with three measured adverbs")
-        why = "set in the source" if source.chart else "the adverbs are no position in space"
+        why = "set in the source" if source.chart else "the adverbs are not a position in space"
         return plain(source, measure, values), f"identity: {why}"
     units = [source.adverbs[axis].unit for axis in measure.axes]
     x, z = (values[:, measure.axes[a]] * si(units[a]) - start[a] for a in (0, 2))

@@ -46,7 +46,7 @@ def measure_of(source: Source, motion: Motion) -> Measure:
         origin, frame = _position(source, axes)
         return Measure(kind, effector, source.effector_keytime, axes, origin, frame * factors)
     if len(axes) != 3:
-        raise SourceError(source.path, f"measure '{source.measure}' needs exactly three adverbs that are no style")
+        raise SourceError(source.path, f"measure '{source.measure}' needs exactly three measured adverbs")
     _check_units(source, kind, axes)
     keytime = source.keytime_names.index(apex.NAME) if kind == measures.JUMP else -1
     return Measure(kind, effector, keytime, axes, zero, np.diag(factors))

@@ -186,7 +186,7 @@ def _load(path: Path) -> dict[str, Any]:
     except OSError as err:
         raise SourceError(path, f"cannot be read: {err.strerror or err}") from err
     except (ValueError, RecursionError) as err:  # TOML, UTF-8, or a number of thousands of digits
-        raise SourceError(path, f"is no valid TOML: {err}") from err
+        raise SourceError(path, f"is not valid TOML: {err}") from err
 
 
 @dataclass(frozen=True, slots=True)

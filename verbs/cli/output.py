@@ -19,7 +19,7 @@ out = Console(highlight=False, width=None if sys.stdout.isatty() else 120)  # fi
 
 
 def plain(text: str) -> str:
-    """Text in which square brackets are no markup."""
+    """Text in which square brackets are not markup."""
     return text.replace("[", "\\[")
 
 

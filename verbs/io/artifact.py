@@ -194,13 +194,13 @@ def _map(path: Path) -> tuple[Arrays, dict[str, Any]]:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             if not 16 <= size <= MAX_BYTES:
-                raise ArtifactCorrupt(path, f"is {size} bytes long, which is no valid size")
+                raise ArtifactCorrupt(path, f"is {size} bytes long, which is not a valid size")
             block = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except OSError as err:
         raise ArtifactError(path, f"cannot be opened: {err.strerror or err}") from err
     length = int.from_bytes(block[:8], "little")
     if not 2 <= length <= min(MAX_HEADER_BYTES, size - 8):
-        raise ArtifactCorrupt(path, "is no safetensors file")
+        raise ArtifactCorrupt(path, "is not a safetensors file")
     try:
         header = json.loads(block[8 : 8 + length].decode("utf-8"))
         facts = json.loads(header.pop("__metadata__")["adverb"])

@@ -30,7 +30,7 @@ _FRAMES = re.compile(r"frames\s*:\s*(\d{1,9})", re.ASCII | re.IGNORECASE)
 _FRAME_TIME = re.compile(r"frame\s+time\s*:\s*(\S+)", re.IGNORECASE)
 
 MAX_STATEMENT = 1_000  # characters; far above any real joint name or channel list
-_MAX_VALUE = 1e9  # larger numbers are no lengths or angles, and their squares could overflow
+_MAX_VALUE = 1e9  # larger numbers are not lengths or angles, and their squares could overflow
 _MAX_ROTATIONS = 20_000_000  # frames × joints: 640 MB of quaternions, which a small hostile file could declare
 FRAME_TIME_S = (1e-6, 60.0)
 _STILL_M = 1e-6

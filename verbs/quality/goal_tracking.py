@@ -56,7 +56,7 @@ def circles(
     Raises
     ------
     RequestError
-        If the verb's goals are no positions in space, or too few circles of this radius fit into its domain.
+        If the verb's goals are not positions in space, or too few circles of this radius fit into its domain.
     """
     verb = evaluator.verb
     if verb.measure.kind != measures.POSITION or len(verb.adverbs) != 3:

@@ -94,7 +94,7 @@ def _without_keytimes(source):
     ("content", "problem"),
     [
         (b"", "is 0 bytes long"),
-        (b"noise" * 100, "is no safetensors file"),
+        (b"noise" * 100, "is not a safetensors file"),
         (b"PK\x03\x04 broken", "cannot be unpacked"),
         ({"readme.txt": b"hello"}, "one verb.toml; it holds none"),
         ({"a/verb.toml": b"", "b/verb.toml": b""}, "it holds several"),

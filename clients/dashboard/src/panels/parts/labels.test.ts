@@ -17,6 +17,10 @@ describe("state texts of refinements", () => {
       { state: "running", progress: { pseudo: 34, stopped: "target met" } },
     ],
     ["Published as version 4", { state: "published", version_after: 4 }],
+    [
+      "Kept as version 4, not activated",
+      { state: "published", version_after: 4, detail: "kept as version 4, not activated: version 1 is current" },
+    ],
     ["No improvement; version 3 stays", { version_before: 3, state: "not_better", detail: "not better: κ is higher" }],
     ["No improvement", { version_before: null, state: "not_better", detail: "the verb was deleted" }],
     ["Failed: no such blob", { state: "failed", detail: "no such blob" }],

@@ -32,7 +32,10 @@ export function stateText(refinement: Refinement): string {
     case "running":
       return runningText(progressOf(refinement));
     case "published":
-      return version_after === null ? "Published" : `Published as version ${version_after}`;
+      if (version_after === null) return "Published";
+      return notActivated(refinement)
+        ? `Kept as version ${version_after}, not activated`
+        : `Published as version ${version_after}`;
     case "not_better":
       return version_before === null ? "No improvement" : `No improvement; version ${version_before} stays`;
     case "failed":
@@ -58,8 +61,15 @@ function capitalised(text: string): string {
   return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
-/** Measured reason of a refinement without improvement, shown in its details. */
-export function detailText({ state, detail }: Refinement): string {
+/** Whether another version became current while the refinement ran, so that its version was not activated. */
+function notActivated({ state, detail }: Refinement): boolean {
+  return state === "published" && detail.startsWith("kept as version");
+}
+
+/** Measured reason of a refinement without improvement or activation, shown in its details. */
+export function detailText(refinement: Refinement): string {
+  const { state, detail } = refinement;
+  if (notActivated(refinement)) return detail;
   return state === "not_better" ? detail.replace(/^(not better|no improvement):\s*/i, "") : "";
 }
 

@@ -70,7 +70,7 @@ export class GoalHandle {
     for (const mesh of [this.#ball, this.#ghost, this.#ring]) mesh.position.set(x, y, z);
     write(this.#plumb, this.#space.kind === "velocity" ? [0, 0, 0, x, y, z] : [x, y, z, x, 0, z]);
     if (this.#space.kind === "jump") write(this.#path, jumpArc(this.#space, names, adverbs, STEPS));
-    if (this.#space.kind === "velocity") write(this.#path, velocityPath(names, adverbs, STEPS));
+    if (this.#space.kind === "velocity") write(this.#path, velocityPath(this.#space, names, adverbs, STEPS));
   }
 
   /** Show the effector, optionally with a line to the goal; null hides it. Returns the distance, m. */

@@ -7,9 +7,14 @@ import { add, cross, dot, length, scale, sub, unit, type V3 } from "./vec";
 type Kind = "joint_position" | "jump" | "root_velocity" | "none";
 
 /** The fields of a verb that define its goal space. */
-function verb(kind: Kind, names: readonly string[], points: readonly (readonly [number[], V3 | null])[]): Verb {
+function verb(
+  kind: Kind,
+  names: readonly string[],
+  points: readonly (readonly [number[], V3 | null])[],
+  units: readonly string[] = [],
+): Verb {
   return {
-    adverbs: names.map((name) => ({ name, unit: "m", min: -1, max: 1, style: false, description: "" })),
+    adverbs: names.map((name, k) => ({ name, unit: units[k] ?? "m", min: -1, max: 1, style: false, description: "" })),
     measure: { kind, adverbs: [...names], effector: null, keytime: null, unit: "m" },
     examples: points.map(([numbers, point], k) => ({
       name: `e${k}`,
@@ -155,6 +160,30 @@ test("a jump lands at its distance and direction from +Z toward +X; height is ke
   expect(jump.adverbs([0, 0, 0.001], { direction: 0.7, height: 0 }).direction).toBe(0.7);
 });
 
+test("a jump in centimetres and degrees is drawn in metres", () => {
+  const names = ["distance", "direction", "height"];
+  const jump = spaceOf(verb("jump", names, [], ["cm", "deg", "cm"]));
+  const goal = { distance: 200, direction: 90, height: 30 };
+  const [x, y, z] = jump.point(goal);
+  expect([x, y, z]).toEqual([expect.closeTo(2, 9), 0, expect.closeTo(0, 9)]);
+  expect(jump.adverbs([-1, 0, 0], goal)).toEqual({
+    distance: expect.closeTo(100, 9),
+    direction: expect.closeTo(-90, 9),
+    height: 30,
+  });
+  expect(jumpArc(jump, names, goal, 10)[5 * 3 + 1]).toBeCloseTo(0.3, 6);
+});
+
+test("a velocity in km/h is drawn in metres per second", () => {
+  const names = ["forward_speed", "turn_rate", "sideways_speed"];
+  const arrow = spaceOf(verb("root_velocity", names, [], ["km/h", "deg/s", "m/s"]));
+  expect(arrow.point({ forward_speed: 3.6, turn_rate: 0, sideways_speed: 1 })).toEqual([
+    AHEAD_S,
+    0,
+    expect.closeTo(AHEAD_S, 9),
+  ]);
+});
+
 test("the arc of a jump starts on the ground, rises by its height and ends at the goal", () => {
   const names = ["distance", "direction", "height"];
   const adverbs = { distance: 1.2, direction: 0.4, height: 0.35 };
@@ -176,7 +205,12 @@ test("a velocity points forward along +Z and sideways along +X; the turn rate is
 test("the path of a turning walk is a circle of radius speed / turn rate", () => {
   const names = ["forward_speed", "turn_rate", "sideways_speed"];
   const [speed, turn, steps] = [2, 1.5, 400];
-  const points = velocityPath(names, { forward_speed: speed, turn_rate: turn, sideways_speed: 0 }, steps);
+  const points = velocityPath(
+    spaceOf(verb("root_velocity", names, [])),
+    names,
+    { forward_speed: speed, turn_rate: turn, sideways_speed: 0 },
+    steps,
+  );
   const radius = speed / turn;
   for (let k = 0; k <= steps; k += 50) {
     expect(Math.hypot((points[3 * k] as number) - radius, points[3 * k + 2] as number)).toBeCloseTo(radius, 4);

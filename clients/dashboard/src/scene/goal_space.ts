@@ -16,6 +16,8 @@ export interface GoalSpace {
   readonly kind: "space" | "sheet" | "jump" | "velocity";
   /** Whether positions are relative to the character instead of the verb's origin. */
   readonly movesWithCharacter: boolean;
+  /** SI per unit of adverbs that are not in SI, such as 0.01 for cm. */
+  readonly si: Readonly<Record<string, number>>;
   /** Adverbs that dragging changes. */
   readonly names: readonly string[];
   /** Plane of the drag; null: free in space. */
@@ -32,6 +34,22 @@ const FIT_M = 0.005;
 export const AHEAD_S = 0.5;
 
 const value = (adverbs: Adverbs, name: string | undefined): number => adverbs[name ?? ""] ?? 0;
+
+/** SI per unit. */
+const SI: Readonly<Record<string, number>> = {
+  cm: 0.01,
+  mm: 0.001,
+  deg: Math.PI / 180,
+  "km/h": 1 / 3.6,
+  "deg/s": Math.PI / 180,
+};
+
+const siOf = (verb: Verb): Record<string, number> =>
+  Object.fromEntries(verb.adverbs.map(({ name, unit }) => [name, SI[unit] ?? 1]));
+
+/** Value of an adverb in metres, radians and seconds. */
+const inSI = (si: Readonly<Record<string, number>>, adverbs: Adverbs, name: string | undefined): number =>
+  value(adverbs, name) * (si[name ?? ""] ?? 1);
 
 /** Affine map from two or three adverbs to positions: origin and one axis per adverb. */
 interface AffineMap {
@@ -106,6 +124,7 @@ function affine(names: readonly string[], map: AffineMap): GoalSpace {
   return {
     kind: normal ? "sheet" : "space",
     movesWithCharacter: false,
+    si: {},
     names,
     plane: normal ? { normal, through: origin } : null,
     point: (adverbs) =>
@@ -126,40 +145,52 @@ function affine(names: readonly string[], map: AffineMap): GoalSpace {
 const GROUND = { normal: [0, 1, 0], through: ZERO } as const;
 
 /** Distance, direction (from +Z toward +X) and height: the handle is the landing point, height has a slider only. */
-function jump(names: readonly string[]): GoalSpace {
+function jump(names: readonly string[], si: Readonly<Record<string, number>>): GoalSpace {
   const [distance, direction] = names as [string, string];
   return {
     kind: "jump",
     movesWithCharacter: true,
+    si,
     names: [distance, direction],
     plane: GROUND,
     point: (adverbs) => {
-      const [far, angle] = [value(adverbs, distance), value(adverbs, direction)];
+      const [far, angle] = [inSI(si, adverbs, distance), inSI(si, adverbs, direction)];
       return [far * Math.sin(angle), 0, far * Math.cos(angle)];
     },
     adverbs: ([x, , z], now) => {
       const far = Math.hypot(x, z);
-      return { ...now, [distance]: far, [direction]: far > 0.02 ? Math.atan2(x, z) : value(now, direction) };
+      const angle = far > 0.02 ? Math.atan2(x, z) / (si[direction] ?? 1) : value(now, direction);
+      return { ...now, [distance]: far / (si[distance] ?? 1), [direction]: angle };
     },
   };
 }
 
 /** Forward and sideways speed (left): an arrow on the ground; the turn rate has a slider only. */
-function velocity(names: readonly string[]): GoalSpace {
+function velocity(names: readonly string[], si: Readonly<Record<string, number>>): GoalSpace {
   const [forward, , sideways] = names as [string, string, string];
   return {
     kind: "velocity",
     movesWithCharacter: true,
+    si,
     names: [forward, sideways],
     plane: GROUND,
-    point: (adverbs) => [value(adverbs, sideways) * AHEAD_S, 0, value(adverbs, forward) * AHEAD_S],
-    adverbs: ([x, , z], now) => ({ ...now, [forward]: z / AHEAD_S, [sideways]: x / AHEAD_S }),
+    point: (adverbs) => [inSI(si, adverbs, sideways) * AHEAD_S, 0, inSI(si, adverbs, forward) * AHEAD_S],
+    adverbs: ([x, , z], now) => ({
+      ...now,
+      [forward]: z / AHEAD_S / (si[forward] ?? 1),
+      [sideways]: x / AHEAD_S / (si[sideways] ?? 1),
+    }),
   };
 }
 
 /** Path of a constant velocity and turn rate over `AHEAD_S`, 3 numbers per point. */
-export function velocityPath(names: readonly string[], adverbs: Adverbs, steps: number): Float32Array {
-  const [forward, turn, sideways] = names.map((name) => value(adverbs, name)) as [number, number, number];
+export function velocityPath(
+  { si }: GoalSpace,
+  names: readonly string[],
+  adverbs: Adverbs,
+  steps: number,
+): Float32Array {
+  const [forward, turn, sideways] = names.map((name) => inSI(si, adverbs, name)) as [number, number, number];
   const out = new Float32Array(3 * (steps + 1));
   const time = AHEAD_S / steps;
   for (let k = 0; k < steps; k++) {
@@ -173,7 +204,7 @@ export function velocityPath(names: readonly string[], adverbs: Adverbs, steps: 
 
 /** Arc of a jump from the origin to its landing, 3 numbers per point; `height` is its apex. */
 export function jumpArc(space: GoalSpace, names: readonly string[], adverbs: Adverbs, steps: number): Float32Array {
-  const [[x, , z], high] = [space.point(adverbs), value(adverbs, names[2])];
+  const [[x, , z], high] = [space.point(adverbs), inSI(space.si, adverbs, names[2])];
   const out = new Float32Array(3 * (steps + 1));
   for (let k = 0; k <= steps; k++) {
     const t = k / steps;
@@ -197,8 +228,8 @@ export function pseudoExamplePoints(verb: Verb): ExamplePoint[] {
 /** Position map of a verb's measured adverbs; null if they are not positions. */
 export function goalSpaceOf(verb: Verb): GoalSpace | null {
   const { kind, adverbs: names } = verb.measure;
-  if (kind === "jump" && names.length === 3) return jump(names);
-  if (kind === "root_velocity" && names.length === 3) return velocity(names);
+  if (kind === "jump" && names.length === 3) return jump(names, siOf(verb));
+  if (kind === "root_velocity" && names.length === 3) return velocity(names, siOf(verb));
   if (kind !== "joint_position" || names.length < 2 || names.length > 3) return null;
   const known = examplePoints(verb);
   const map = known.some((one) => one.point) ? fitAffine(names, known) : named(names);

@@ -327,7 +327,7 @@ def invalid(err: ValidationError, model: type[BaseModel]) -> NoReturn:
 
 
 def _mistakes(errors: Iterable[Any]) -> list[dict[str, str]]:
-    """Mistakes with their places; values are not repeated, as they may be large or secret."""
+    """Invalid fields and their problems; values are not repeated, as they may be large or secret."""
     listed = list(errors)[:MAX_LISTED]
     return [{"at": ".".join(str(part) for part in row["loc"])[:200] or "body", "problem": row["msg"]} for row in listed]
 

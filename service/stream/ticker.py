@@ -47,7 +47,7 @@ class _Part:
     channels: list[Channel]
     slots: I64
     targets: Targets
-    turned: bool
+    needs_global: bool
     pieces: tuple[_Part, ...] = ()
 
     def calls(self) -> tuple[_Part, ...]:
@@ -174,8 +174,8 @@ class Ticker:
         group = part.group
         entry = group.entry
         frames = group.characters.step(part.slots, step_s)
-        turns = _turns(group, frames) if part.turned else frames.rotations
-        pack(frames, turns, entry.version, part.targets, words)
+        rotations = _global_rotations(group, frames) if part.needs_global else frames.rotations
+        pack(frames, rotations, entry.version, part.targets, words)
         self._metrics.count_poses(entry, frames.blend, len(part.slots))
         _send_events(part, frames)
 
@@ -241,12 +241,12 @@ def _piece(whole: _Part, first: int, stop: int) -> _Part:
     return replace(whole, channels=whole.channels[rows], slots=whole.slots[rows], targets=targets)
 
 
-def _turns(group: Group, frames: Frames) -> F64:
+def _global_rotations(group: Group, frames: Frames) -> F64:
     """Global rotations (B, J, 4)."""
     skeleton = group.entry.verb.skeleton
-    turns, places = np.empty_like(frames.rotations), np.empty((*frames.rotations.shape[:2], 3))
-    kernels.forward(frames.root, frames.rotations, skeleton.parents, skeleton.offsets, turns, places)
-    return turns
+    rotations, positions = np.empty_like(frames.rotations), np.empty((*frames.rotations.shape[:2], 3))
+    kernels.forward(frames.root, frames.rotations, skeleton.parents, skeleton.offsets, rotations, positions)
+    return rotations
 
 
 def _send_events(part: _Part, frames: Frames) -> None:

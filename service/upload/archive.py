@@ -19,9 +19,9 @@ _BLOCK = 1 << 20
 
 _BROKEN = (
     zipfile.BadZipFile,
-    zlib.error,  # packed bytes that do not unpack
-    NotImplementedError,  # zipfile's word for a compression that it does not know
-    RuntimeError,  # and for a file that wants a password
+    zlib.error,  # invalid compressed data
+    NotImplementedError,  # raised by zipfile for an unknown compression
+    RuntimeError,  # raised by zipfile for an encrypted file
     EOFError,
     OSError,
     ValueError,

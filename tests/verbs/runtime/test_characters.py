@@ -14,18 +14,6 @@ from verbs.runtime.sequence import sequence
 WALK = np.array([1.2, 0.3, 0.1])
 
 
-@pytest.fixture(scope="module")
-def people_of(verb_of):
-    made: dict[str, Characters] = {}
-
-    def get(name: str) -> Characters:
-        if name not in made:
-            made[name] = Characters(Evaluator(verb_of(name)))
-        return made[name]
-
-    return get
-
-
 SINGLE = 2e-6
 """What sums in single precision may be off."""
 
@@ -43,8 +31,8 @@ def mixes(people: Characters, count: int, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["punch", "locomotion", "jump"])
-def test_a_resting_character_stands_in_the_pose_of_its_adverbs(people_of, name):
-    people = people_of(name)
+def test_a_resting_character_stands_in_the_pose_of_its_adverbs(characters_of, name):
+    people = characters_of(name)
     rows, phases = mixes(people, 12), np.linspace(0.0, 0.95, 12)
     slots = np.array([people.add(row, phase=phase, playing=False) for row, phase in zip(rows, phases, strict=True)])
     window, following = people.window, people._following
@@ -64,8 +52,8 @@ def test_a_resting_character_stands_in_the_pose_of_its_adverbs(people_of, name):
 
 
 @pytest.mark.parametrize("name", ["punch", "locomotion"])
-def test_a_batch_moves_as_each_one_alone(people_of, name):
-    people = people_of(name)
+def test_a_batch_moves_as_each_one_alone(characters_of, name):
+    people = characters_of(name)
     rows, goals = mixes(people, 5, 1), mixes(people, 5, 2)
     pairs = []
     for row, goal in zip(rows, goals, strict=True):
@@ -84,9 +72,9 @@ def test_a_batch_moves_as_each_one_alone(people_of, name):
 
 
 @pytest.mark.parametrize(("name", "fps"), [("punch", 60.0), ("locomotion", 60.0), ("kick", 23.0), ("locomotion", 7.0)])
-def test_phases_go_on_as_in_a_sequence(people_of, name, fps):
+def test_phases_go_on_as_in_a_sequence(characters_of, name, fps):
     """And a loop's root walks on as there, cycle by cycle."""
-    people = people_of(name)
+    people = characters_of(name)
     row = WALK if name == "locomotion" else mixes(people, 1, 3)[0]
     poses = sequence(people.evaluator, row[None], fps, cycles=3 if people.verb.looping else 1)
     slot = people.add(row)
@@ -99,8 +87,8 @@ def test_phases_go_on_as_in_a_sequence(people_of, name, fps):
     people.remove(slot)
 
 
-def test_the_way_back_undoes_the_way_there(people_of):
-    people = people_of("locomotion")
+def test_the_way_back_undoes_the_way_there(characters_of):
+    people = characters_of("locomotion")
     slot = people.add(WALK)
     root, rotations, _ = play(people, slot, 200)
     people.set(slot, speed=-1.0)
@@ -110,8 +98,8 @@ def test_the_way_back_undoes_the_way_there(people_of):
     people.remove(slot)
 
 
-def test_a_root_does_not_jolt_where_a_cycle_ends(people_of):
-    people = people_of("locomotion")
+def test_a_root_does_not_jolt_where_a_cycle_ends(characters_of):
+    people = characters_of("locomotion")
     for row in ([1.2, 0.0, 0.0], WALK, [3.5, 0.0, 0.0], [0.3, 0.0, 0.8]):
         slot = people.add(np.array(row))
         root, _, frames = play(people, slot, 400)
@@ -155,9 +143,9 @@ def test_a_motion_ends_once_and_holds(reach):
 
 @pytest.mark.parametrize("speed", [1.0, -1.0])
 @pytest.mark.parametrize("name", ["punch", "kick", "jump"])
-def test_a_motion_that_starts_over_passes_from_its_end_to_its_start(people_of, name, speed):
+def test_a_motion_that_starts_over_passes_from_its_end_to_its_start(characters_of, name, speed):
     """Without a jump in position or velocity, wherever between two frames the end falls."""
-    people = people_of(name)
+    people = characters_of(name)
     for row in mixes(people, 3, 4):
         slot = people.add(row, looping=True, speed=speed, phase=0.9 if speed > 0 else 0.1)
         root, rotations, frames = play(people, slot, 120)
@@ -171,8 +159,8 @@ def test_a_motion_that_starts_over_passes_from_its_end_to_its_start(people_of, n
         people.remove(slot)
 
 
-def test_a_jump_that_starts_over_goes_on_from_where_it_led(people_of):
-    people = people_of("jump")
+def test_a_jump_that_starts_over_goes_on_from_where_it_led(characters_of):
+    people = characters_of("jump")
     row = np.array([1.5, 0.3, 0.3])
     slot = people.add(row, looping=True)
     seconds = people.evaluator.pose(row[None], phase=0.0).duration_s[0]
@@ -182,14 +170,14 @@ def test_a_jump_that_starts_over_goes_on_from_where_it_led(people_of):
     people.remove(slot)
 
 
-def test_many_cycles_in_a_step(people_of):
-    people = people_of("locomotion")
+def test_many_cycles_in_a_step(characters_of):
+    people = characters_of("locomotion")
     slot = people.add(WALK, speed=10.0)
     root, rotations, _ = play(people, slot, 4, step_s=1.0)
     poses = people.evaluator.pose_of(people.evaluator.blend(WALK[None]), time_s=np.array([0.0, 10.0, 20.0, 30.0]))
     np.testing.assert_allclose(root[:, 0], poses.root, atol=SINGLE)
     people.remove(slot)
-    people = people_of("punch")
+    people = characters_of("punch")
     slot = people.add(speed=-10.0, looping=True)
     root, rotations, _ = play(people, slot, 10, step_s=1.0)
     assert np.isfinite(root).all()
@@ -198,8 +186,8 @@ def test_many_cycles_in_a_step(people_of):
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.0])
-def test_who_is_held_at_a_seam_does_not_walk(people_of, phase):
-    people = people_of("locomotion")
+def test_who_is_held_at_a_seam_does_not_walk(characters_of, phase):
+    people = characters_of("locomotion")
     slot = people.add(WALK, phase=phase, playing=False)
     root, _, _ = play(people, slot, 5)
     np.testing.assert_array_equal(root[:, 0, [0, 2]], 0.0)
@@ -207,9 +195,9 @@ def test_who_is_held_at_a_seam_does_not_walk(people_of, phase):
 
 
 @pytest.mark.parametrize("name", ["reach", "punch", "kick"])
-def test_a_path_between_goals_stays_in_the_domain(people_of, name):
+def test_a_path_between_goals_stays_in_the_domain(characters_of, name):
     """Also across the cut, by the longer path."""
-    people = people_of(name)
+    people = characters_of(name)
     chart, values = people.verb.domain.chart, people.verb.values
     points = chart.points(values)
     ends = values[[points[:, 0].argmin(), points[:, 0].argmax()]]
@@ -225,8 +213,8 @@ def test_a_path_between_goals_stays_in_the_domain(people_of, name):
         people.remove(slot)
 
 
-def test_who_has_settled_is_not_blended_again(people_of, monkeypatch):
-    people = people_of("punch")
+def test_who_has_settled_is_not_blended_again(characters_of, monkeypatch):
+    people = characters_of("punch")
     start, goal = mixes(people, 2, 7)
     slot = people.add(start)
     people.aim(slot, people.row(goal))
@@ -265,8 +253,8 @@ def test_who_is_on_the_way_or_held_at_a_goal_is_restless(reach):
 
 
 @pytest.mark.parametrize("name", ["reach", "jump"])
-def test_motions_that_start_over_together_do_so_as_each_one_alone(people_of, name):
-    people = people_of(name)
+def test_motions_that_start_over_together_do_so_as_each_one_alone(characters_of, name):
+    people = characters_of(name)
     rows = mixes(people, 5)
     together, alone = (
         np.array([people.add(row, phase=1.0 - 1e-4 * k, looping=True) for k, row in enumerate(rows)]) for _ in range(2)
@@ -281,8 +269,8 @@ def test_motions_that_start_over_together_do_so_as_each_one_alone(people_of, nam
         people.remove(int(slot))
 
 
-def test_another_half_life_on_the_way(people_of):
-    people = people_of("punch")
+def test_another_half_life_on_the_way(characters_of):
+    people = characters_of("punch")
     start, goal = mixes(people, 2, 7)
     slot = people.add(start, half_life_s=5.0)
     people.aim(slot, people.row(goal))

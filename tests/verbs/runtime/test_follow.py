@@ -10,18 +10,6 @@ from verbs.kernels import character_state
 REACHING = ["reach", "punch", "kick"]
 
 
-@pytest.fixture(scope="module")
-def people_of(verb_of):
-    made: dict[str, Characters] = {}
-
-    def get(name: str) -> Characters:
-        if name not in made:
-            made[name] = Characters(Evaluator(verb_of(name)))
-        return made[name]
-
-    return get
-
-
 def circle(centre: np.ndarray) -> np.ndarray:
     """Goals (F, 3) on a circle, one frame each: two seconds for a turn."""
     angles = 2 * np.pi * 0.5 * np.arange(2 * FPS) / FPS
@@ -42,8 +30,8 @@ def inside(people: Characters) -> np.ndarray:
     ("name", "low", "high"),
     [("reach", (0.75, 0.95), (1.02, 1.2)), *((n, (0.88, 0.98), (1.0, 1.1)) for n in REACHING[1:])],
 )
-def test_the_window_is_where_correction_stays_small(people_of, name, low, high):
-    people = people_of(name)
+def test_the_window_is_where_correction_stays_small(characters_of, name, low, high):
+    people = characters_of(name)
     start, end = people.window
     keytime = people.verb.phases[people.verb.measure.keytime]
     assert start <= keytime <= end
@@ -65,8 +53,8 @@ def test_a_verb_of_styles_has_no_window():
 
 @pytest.mark.parametrize("part", [0.0, 0.3, 0.7, 1.0])
 @pytest.mark.parametrize("name", REACHING)
-def test_a_held_hand_follows_its_goal(people_of, name, part):
-    people = people_of(name)
+def test_a_held_hand_follows_its_goal(characters_of, name, part):
+    people = characters_of(name)
     verb, (start, end), centre = people.verb, people.window, inside(people)
     slot = people.add(centre, phase=(1 - part) * start + part * end, playing=False)
     for frame, requested in enumerate(circle(centre)):
@@ -82,8 +70,8 @@ def test_a_held_hand_follows_its_goal(people_of, name, part):
 
 
 @pytest.mark.parametrize("name", REACHING)
-def test_weights_outside_the_window_are_those_of_the_keytime(people_of, name):
-    people = people_of(name)
+def test_weights_outside_the_window_are_those_of_the_keytime(characters_of, name):
+    people = characters_of(name)
     start, end = people.window
     expected = people.evaluator.blend(inside(people)[None]).weights
     for phase in (0.0, start - 0.005, end + 0.005, 1.0):
@@ -94,11 +82,11 @@ def test_weights_outside_the_window_are_those_of_the_keytime(people_of, name):
 
 
 @pytest.mark.parametrize("name", REACHING)
-def test_holding_and_letting_go_do_not_jolt(people_of, name):
+def test_holding_and_letting_go_do_not_jolt(characters_of, name):
     """Where time stops joints stop too. Beside these frames nothing is pushed harder than in the verb itself, or than
     the way to the goal needs: a quintic over d metres and T seconds peaks at 5.77 d / T².
     """
-    people = people_of(name)
+    people = characters_of(name)
     start, end = people.window
     slot = people.add(inside(people), phase=start - 0.1)
     places, seams, way = [], [], 0.0
@@ -123,8 +111,8 @@ def test_holding_and_letting_go_do_not_jolt(people_of, name):
     assert lengths[stop + 14 : go - 1].max() < 1e-9  # the fade has ended: it stands
 
 
-def test_a_goal_is_followed_at_once_where_a_held_pose_appears(people_of):
-    people = people_of("reach")
+def test_a_goal_is_followed_at_once_where_a_held_pose_appears(characters_of):
+    people = characters_of("reach")
     slot = people.add(inside(people), phase=people.window[0], speed=0.0)
     _, _, (shown,) = play(people, slot, 1)
     assert shown.blend.error[0] < 1e-6
@@ -132,13 +120,13 @@ def test_a_goal_is_followed_at_once_where_a_held_pose_appears(people_of):
     people.remove(slot)
 
 
-def test_only_corrected_weights_follow(people_of, verb_of):
+def test_only_corrected_weights_follow(characters_of, verb_of):
     assert Characters(Evaluator(verb_of("reach")), "rbf").window is None
 
 
-def test_a_motion_that_plays_on_out_of_the_window_is_not_thrown(people_of):
+def test_a_motion_that_plays_on_out_of_the_window_is_not_thrown(characters_of):
     """Correction at phases beyond the window would need huge weights: 6.9 times the kick's own peak."""
-    people = people_of("kick")
+    people = characters_of("kick")
     for row in people.verb.values[:6]:
         slot = people.add(row, phase=people.window[1], playing=False)
         play(people, slot, 3)

@@ -18,18 +18,6 @@ DONE = ["punch", "reach", "kick", "jump"]
 PASSING = round(0.3 * FPS)
 
 
-@pytest.fixture(scope="module")
-def people_of(verb_of):
-    made: dict[str, Characters] = {}
-
-    def get(name: str) -> Characters:
-        if name not in made:
-            made[name] = Characters(Evaluator(verb_of(name)))
-        return made[name]
-
-    return get
-
-
 def two_of(people: Characters) -> np.ndarray:
     """Two sets of adverbs: an early example's and a middle one's."""
     return people.verb.values[[0, len(people.verb.values) // 2]]
@@ -71,15 +59,15 @@ def ratios(stages, *, transition_s: float = 0.3) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def from_gaits(people_of):
+def from_gaits(characters_of):
     """Ratios of 12 phases × 2 sets of adverbs, by gait and target."""
     phases = np.tile(np.arange(12) / 12, 2)
 
     def get(gait: str, target: str) -> np.ndarray:
-        people = people_of(target)
+        people = characters_of(target)
         source = np.tile({**GAITS, **SLOW}[gait], (24, 1))
         rows = np.repeat(two_of(people), 12, axis=0)
-        return ratios([(people_of("locomotion"), source, phases, 4), (people, rows, None, PASSING + 1)])
+        return ratios([(characters_of("locomotion"), source, phases, 4), (people, rows, None, PASSING + 1)])
 
     return get
 
@@ -97,10 +85,10 @@ def test_slow_steps_that_end_at_once_are_no_harder_than_the_verbs(from_gaits, ta
         assert from_gaits(gait, target).max() <= 1.2, gait
 
 
-def mid(people_of, source: str, target: str, starts, ends, **options) -> np.ndarray:
+def mid(characters_of, source: str, target: str, starts, ends, **options) -> np.ndarray:
     """Ratios from phases of one verb to phases of another (None: where it starts)."""
     out = []
-    one, other = people_of(source), people_of(target)
+    one, other = characters_of(source), characters_of(target)
     few = {"locomotion": np.array([GAITS["walk"], GAITS["run"]])}
     for row, goal in zip(few.get(source, two_of(one)), few.get(target, two_of(other)), strict=True):
         pairs = list(itertools.product(starts, ends))
@@ -118,24 +106,24 @@ x₀ / T; ours takes 4.76 and 1.43, and 0.3 s is then too little."""
 
 
 @pytest.mark.parametrize(("source", "target"), [*itertools.permutations(DONE, 2)])
-def test_from_the_middle_of_one_verb_into_another(people_of, source, target):
-    got = mid(people_of, source, target, [0.3, 0.5, 0.7], [0.0, 0.3, 0.5])
+def test_from_the_middle_of_one_verb_into_another(characters_of, source, target):
+    got = mid(characters_of, source, target, [0.3, 0.5, 0.7], [0.0, 0.3, 0.5])
     assert np.median(got) <= 1.0
     assert got.max() <= HARD.get((source, target), 1.2)
 
 
 @pytest.mark.parametrize("source", DONE)
-def test_from_the_middle_of_a_verb_into_walking_on(people_of, source):
-    got = mid(people_of, source, "locomotion", [0.2, 0.4, 0.5, 0.6, 0.7, 0.8], [None])
+def test_from_the_middle_of_a_verb_into_walking_on(characters_of, source):
+    got = mid(characters_of, source, "locomotion", [0.2, 0.4, 0.5, 0.6, 0.7, 0.8], [None])
     assert np.median(got) <= 1.0
     assert got.max() <= HARD.get((source, "locomotion"), 1.2)
 
 
-def test_more_time_makes_it_calmer(people_of):
+def test_more_time_makes_it_calmer(characters_of):
     """Half a second is enough for all but a punch that is begun in its fastest moment with the arms elsewhere."""
     for pair in HARD:
         if "locomotion" not in pair:
-            got = mid(people_of, *pair, [0.3, 0.5, 0.7], [0.0, 0.3, 0.5], transition_s=0.5)
+            got = mid(characters_of, *pair, [0.3, 0.5, 0.7], [0.0, 0.3, 0.5], transition_s=0.5)
             assert got.max() <= (1.4 if pair == ("jump", "punch") else 1.2), pair
 
 
@@ -150,21 +138,21 @@ def test_more_time_makes_it_calmer(people_of):
         ("locomotion", "locomotion", "kick"),
     ],
 )
-def test_a_switch_while_another_is_under_way(people_of, names):
+def test_a_switch_while_another_is_under_way(characters_of, names):
     stages = []
     for name, gait, frames in zip(names, ("walk", "run", "jog"), (4, 6, PASSING + 1), strict=True):
-        rows = np.tile(GAITS[gait], (6, 1)) if name == "locomotion" else np.tile(two_of(people_of(name)), (3, 1))
-        stages.append((people_of(name), rows, None if stages else np.arange(6) / 6, frames))
+        rows = np.tile(GAITS[gait], (6, 1)) if name == "locomotion" else np.tile(two_of(characters_of(name)), (3, 1))
+        stages.append((characters_of(name), rows, None if stages else np.arange(6) / 6, frames))
     assert ratios(stages).max() <= 1.2
 
 
 @pytest.mark.parametrize(("source", "target"), [("locomotion", "kick"), ("jump", "kick"), ("kick", "locomotion")])
-def test_positions_and_velocities_do_not_jump(people_of, source, target):
+def test_positions_and_velocities_do_not_jump(characters_of, source, target):
     """Half the frame time halves steps, and divides what changes between steps by four, at both seams too."""
     sizes = []
-    row = np.array(GAITS["run"]) if source == "locomotion" else two_of(people_of(source))[0]
+    row = np.array(GAITS["run"]) if source == "locomotion" else two_of(characters_of(source))[0]
     for step_s in (1 / 120, 1 / 240, 1 / 480):
-        one, other = people_of(source), people_of(target)
+        one, other = characters_of(source), characters_of(target)
         slot = one.add(row, phase=0.45)
         root, rotations, _ = play(one, slot, 4, step_s=step_s)
         new = other.go_on(one, slot, GAITS["run"] if target == "locomotion" else two_of(other)[1])
@@ -178,9 +166,9 @@ def test_positions_and_velocities_do_not_jump(people_of, source, target):
         assert 3.0 < coarse[1] / fine[1] < 5.0
 
 
-def test_a_root_goes_on_through_the_world(people_of):
+def test_a_root_goes_on_through_the_world(characters_of):
     """Walk, run in a curve, jump, walk: no jump in place or facing, and it leads away from where it came."""
-    walk, jump = people_of("locomotion"), people_of("jump")
+    walk, jump = characters_of("locomotion"), characters_of("jump")
     route = [
         (walk, (1.2, 0.0, 0.0), 50), (walk, (2.5, 0.8, 0.0), 70), (jump, (1.8, 0.0, 0.3), 330),
         (walk, (1.2, 0.0, 0.0), 90),
@@ -207,14 +195,14 @@ def test_a_root_goes_on_through_the_world(people_of):
 
 
 @pytest.mark.parametrize("target", DONE)
-def test_how_far_feet_slide_meanwhile(people_of, target):
+def test_how_far_feet_slide_meanwhile(characters_of, target):
     """Feet are not planted in a transition: what stands in both verbs' poses is drawn along by the body's way.
 
     Measured from a walk in 12 phases: how far a toe moves over the floor while it is within 5 cm of it. Punches and
     kicks are begun in a wide stance, so that feet have farther to go.
     """
     typical, largest = {"punch": (0.46, 0.78), "kick": (0.47, 0.80)}.get(target, (0.30, 0.62))
-    people, walk = people_of(target), people_of("locomotion")
+    people, walk = characters_of(target), characters_of("locomotion")
     rows = np.tile(two_of(people)[0], (12, 1))
     stages = [(walk, np.tile(GAITS["walk"], (12, 1)), np.arange(12) / 12, 4), (people, rows, None, PASSING)]
     places, _ = through(stages)
@@ -232,8 +220,8 @@ def people_floor(people: Characters, row, toes) -> float:
     return float(joints(people.verb, poses.root, poses.rotations)[0, toes, 1].min())
 
 
-def test_no_time_is_a_cut(people_of):
-    walk, punch = people_of("locomotion"), people_of("punch")
+def test_no_time_is_a_cut(characters_of):
+    walk, punch = characters_of("locomotion"), characters_of("punch")
     slot = walk.add(np.array(GAITS["run"]))
     play(walk, slot, 20)
     new = punch.go_on(walk, slot, two_of(punch)[0], transition_s=0.0)
@@ -254,8 +242,8 @@ def test_no_time_is_a_cut(people_of):
         people.remove(who)
 
 
-def test_a_switch_right_after_a_seek_does_not_carry_on_the_leap(people_of):
-    kick, punch = people_of("kick"), people_of("punch")
+def test_a_switch_right_after_a_seek_does_not_carry_on_the_leap(characters_of):
+    kick, punch = characters_of("kick"), characters_of("punch")
     slot = kick.add(two_of(kick)[0])
     play(kick, slot, 5)
     kick.set(slot, phase=0.5)
@@ -269,8 +257,8 @@ def test_a_switch_right_after_a_seek_does_not_carry_on_the_leap(people_of):
 
 
 @pytest.mark.parametrize("length", [-0.1, 5.1, float("nan")])
-def test_a_transition_has_a_bounded_length(people_of, length):
-    people = people_of("punch")
+def test_a_transition_has_a_bounded_length(characters_of, length):
+    people = characters_of("punch")
     slot, before = people.add(), len(people)
     with pytest.raises(OutOfRange, match="it must lie between 0 and 5"):
         people.go_on(people, slot, transition_s=length)
@@ -304,8 +292,8 @@ def looped(verb, names, phases):
     return Named
 
 
-def test_loops_meet_at_the_keytimes_that_they_share(people_of):
-    walk = people_of("locomotion").verb
+def test_loops_meet_at_the_keytimes_that_they_share(characters_of):
+    walk = characters_of("locomotion").verb
     for phase in (0.0, 0.1, 0.3, 0.9):
         assert start_phase(walk, phase, walk) == pytest.approx(phase)
     a = looped(walk, ("left", "right", "end"), [0.0, 0.5, 1.0])
@@ -324,8 +312,8 @@ def test_loops_meet_at_the_keytimes_that_they_share(people_of):
     assert start_phase(d, 0.0, e) == pytest.approx(0.3)
 
 
-def test_others_start_at_their_start(people_of):
-    walk, punch = people_of("locomotion").verb, people_of("punch").verb
+def test_others_start_at_their_start(characters_of):
+    walk, punch = characters_of("locomotion").verb, characters_of("punch").verb
     stranger = looped(walk, ("one", "two"), [0.0, 1.0])
     for source, target in ((walk, punch), (punch, walk), (punch, punch), (walk, stranger)):
         assert start_phase(source, 0.4, target) == 0.0
@@ -342,9 +330,9 @@ def test_a_place_is_met():
 
 @pytest.mark.parametrize("name", ["locomotion", "punch", "kick"])
 @pytest.mark.parametrize("case", ["steered", "passing", "held", "backwards", "unseen", "ended"])
-def test_the_same_verb_in_another_version_goes_on_as_if_nothing_were(people_of, name, case):
+def test_the_same_verb_in_another_version_goes_on_as_if_nothing_were(characters_of, name, case):
     """Phase, place, goal, speed of steering, transition and hold: nothing shows that it was swapped."""
-    people, version = people_of(name), Characters(people_of(name).evaluator)
+    people, version = characters_of(name), Characters(characters_of(name).evaluator)
     start, goal = two_of(people)
     slot = people.add(start, phase=0.3, half_life_s=0.2, speed=-0.7 if case == "backwards" else 1.0)
     if case == "passing":

@@ -37,7 +37,7 @@ export function readout(page: Page, distance: () => number | null): HTMLElement 
     element.hidden = false;
     const live = distance();
     value.textContent = errorText(live ?? shown.error, live === null ? verb.measure.unit : "m");
-    caption.textContent = live === null ? "predicted goal error" : "from the goal now";
+    caption.textContent = live === null ? "predicted error" : "from the goal now";
     const goal = goalState(verb, shown);
     state.dataset.state = goal.state;
     state.textContent = goal.text;

@@ -6,12 +6,12 @@ OpenAPI document, and tests compare the two.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from service.fields import STRICT, Name, Space
-from verbs.conventions import MAX_ADVERBS, MAX_JOINTS
+from verbs.conventions import MAX_ADVERBS, MAX_JOINTS, MAX_MAGNITUDE
 from verbs.runtime.characters import HALF_LIFE_S, MAX_SPEED, MAX_TRANSITION_S, RESTART_S
 
 __all__ = [
@@ -22,7 +22,8 @@ __all__ = [
     "Drain",
     "End",
     "Error",
-    "Event",
+    "EventItem",
+    "Events",
     "Hello",
     "Open",
     "Opened",
@@ -31,8 +32,10 @@ __all__ = [
     "Resume",
     "ServerMessage",
     "Set",
+    "Stats",
     "Switch",
     "Version",
+    "View",
 ]
 
 ChannelNumber = Annotated[int, Field(ge=0, le=65_535, description="Number of a character, chosen by the client.")]
@@ -47,6 +50,12 @@ Speed = Annotated[
 HalfLife = Annotated[
     float, Field(ge=0, le=10, description="Half-life of the distance to a new goal, seconds; 0 follows at once.")
 ]
+
+Encoding = Literal["f32", "q48", "weights", "q32"]
+Priority = Annotated[
+    float, Field(gt=0, le=1000, description="Weight of the channel where the connection has a byte budget; see `view`.")
+]
+Coordinate = Annotated[float, Field(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE, description="Metres.")]
 
 
 class _ClientMessage(BaseModel):
@@ -63,7 +72,7 @@ class Open(_ClientMessage):
     fps: Fps = 60
     method: Name | None = None
     space: Space = "local"
-    encoding: Literal["f32", "q48", "weights"] = "f32"
+    encoding: Encoding = "f32"
     frame: Literal["gltf", "unity", "unreal", "zup"] = "gltf"
     joints: Annotated[list[Name] | None, Field(min_length=1, max_length=MAX_JOINTS)] = None
     phase: Phase = 0.0
@@ -72,6 +81,8 @@ class Open(_ClientMessage):
     loop: bool | None = None
     half_life: HalfLife = HALF_LIFE_S
     follow: bool = True
+    events: Annotated[bool, Field(description="Whether keytimes of the channel are reported.")] = True
+    priority: Priority = 1.0
 
 
 class Set(_ClientMessage):
@@ -87,6 +98,7 @@ class Set(_ClientMessage):
     fps: Fps | None = None
     half_life: HalfLife | None = None
     follow: bool | None = None
+    priority: Priority | None = None
 
 
 class Switch(_ClientMessage):
@@ -123,8 +135,27 @@ class Resume(_ClientMessage):
     last_seq: Annotated[int, Field(ge=0, le=2**32 - 1)]
 
 
-ClientMessage = Annotated[Open | Set | Switch | Close | Ping | Resume, Field(discriminator="op")]
-CLIENT: TypeAdapter[Open | Set | Switch | Close | Ping | Resume] = TypeAdapter(ClientMessage)
+class View(_ClientMessage):
+    """Set the viewpoint and the byte budget of the connection; replaces both."""
+
+    op: Literal["view"]
+    x: Coordinate | None = None
+    y: Coordinate | None = None
+    z: Coordinate | None = None
+    budget_kbps: Annotated[
+        float | None,
+        Field(ge=1, le=10_000_000, description="Limit of pose messages, 1000 bit/s; null: unlimited."),
+    ] = None
+
+    @model_validator(mode="after")
+    def _viewpoint_is_complete(self) -> Self:
+        if len({number is None for number in (self.x, self.y, self.z)}) > 1:
+            raise ValueError("x, y and z are given together, or none of them")
+        return self
+
+
+ClientMessage = Annotated[Open | Set | Switch | Close | Ping | Resume | View, Field(discriminator="op")]
+CLIENT: TypeAdapter[Open | Set | Switch | Close | Ping | Resume | View] = TypeAdapter(ClientMessage)
 
 
 class _ServerMessage(BaseModel):
@@ -178,7 +209,7 @@ class Opened(_ServerMessage):
     skeleton: StreamSkeleton
     adverbs: list[StreamAdverb]
     joints: list[str]
-    encoding: Literal["f32", "q48", "weights"]
+    encoding: Encoding
     space: Space
     frame: Literal["gltf", "unity", "unreal", "zup"]
     fps: int
@@ -198,13 +229,19 @@ class Version(_ServerMessage):
     record_bytes: int
 
 
-class Event(_ServerMessage):
-    """A keytime passed."""
+class EventItem(_ServerMessage):
+    """A channel passed a keytime."""
 
-    op: Literal["event"]
     channel: int
     name: str
     phase: float
+
+
+class Events(_ServerMessage):
+    """Keytimes that channels passed in one tick, in order."""
+
+    op: Literal["events"]
+    items: Annotated[list[EventItem], Field(min_length=1)]
 
 
 class End(_ServerMessage):
@@ -220,6 +257,19 @@ class Pong(_ServerMessage):
     op: Literal["pong"]
     t: float
     server_time_ns: int
+
+
+class Stats(_ServerMessage):
+    """What a byte budget sent and left out in an interval."""
+
+    op: Literal["stats"]
+    seconds: float
+    kbps: float
+    budget_kbps: float
+    records: int
+    left_out: int
+    min_fps: float
+    max_fps: float
 
 
 class Error(_ServerMessage):
@@ -239,5 +289,7 @@ class Drain(_ServerMessage):
     reconnect_after_s: float
 
 
-ServerMessage = Annotated[Hello | Opened | Version | Event | End | Pong | Error | Drain, Field(discriminator="op")]
-SERVER: TypeAdapter[Hello | Opened | Version | Event | End | Pong | Error | Drain] = TypeAdapter(ServerMessage)
+ServerMessage = Annotated[
+    Hello | Opened | Version | Events | End | Pong | Stats | Error | Drain, Field(discriminator="op")
+]
+SERVER: TypeAdapter[Hello | Opened | Version | Events | End | Pong | Stats | Error | Drain] = TypeAdapter(ServerMessage)

@@ -15,19 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from tests.clients.python.specimen import Rec, message, record_bytes, smallest_three
-from tests.golden.text_messages import client_messages, malformed_server_messages, server_messages
+from tests.clients.python.specimen import Rec, message, record_bytes, smallest_three, smallest_three_32
+from tests.golden.adverb_messages import adverb_messages, bulk_adverb_messages, malformed_adverb_messages, single
+from tests.golden.text_messages import (
+    client_messages,
+    malformed_client_messages,
+    malformed_server_messages,
+    server_messages,
+)
 
 PATH = Path(__file__).with_name("wire_vectors.v1.json")
-ENCODINGS = ("f32", "q48", "weights")
+ENCODINGS = ("f32", "q48", "weights", "q32")
 S = math.sqrt(0.5)
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 Json = dict[str, Any]
-
-
-def single(number: float) -> float | None:
-    """A number as float32 stores it; null for NaN."""
-    return None if math.isnan(number) else float(np.float32(number))
 
 
 def random_rotations(count: int, seed: int) -> list[tuple[float, ...]]:
@@ -49,7 +50,7 @@ def layout(rec: Rec) -> Json:
 
 
 def described(rec: Rec, offset: int) -> Json:
-    """What a reader must find in a record. Numbers are exact, except rotations of q48."""
+    """What a reader must find in a record. Numbers are exact, except rotations of q48 and q32."""
     found: Json = {
         "offset": offset,
         "channel": rec.channel,
@@ -128,6 +129,17 @@ def pose_messages() -> list[Json]:
             )
             for count in (1, 2, 25)
         ),
+        *(
+            pose_message(f"q32 of {count} joints", [Rec(7, 3, **HEAD, rotations=random_rotations(count, 100 + count))])
+            for count in (1, 2, 3, 22)
+        ),
+        pose_message(
+            "q32 among other layouts",
+            [
+                Rec(11 + k, encoding, 2 * k, **HEAD, rotations=random_rotations(3, 200 + k), weights=[1.5, -0.5])
+                for k, encoding in enumerate((3, 1, 3, 0, 3, 2, 3))
+            ],
+        ),
         pose_message("channels of one layout", crowd),
         pose_message("channels of alternating layouts", alternating),
     ]
@@ -137,6 +149,8 @@ def malformed_pose_messages() -> list[Json]:
     """Each is a valid message with one change. A reader must reject it, or may where ``rejection`` is optional."""
     layouts = {str(rec.channel): layout(rec) for rec in MIXED}
     full, weights = message(MIXED[:1]), message(MIXED[2:])
+    packed = Rec(4, 3, **HEAD, rotations=POSE)
+    q32_layout = {str(packed.channel): layout(packed)}
     found: list[Json] = []
 
     def add(name: str, content: bytes, reason: str, *, required: bool = True, **changed: Json) -> None:
@@ -168,6 +182,9 @@ def malformed_pose_messages() -> list[Json]:
         add(f"{name} NaN", patched(at, "<f", math.nan), "numbers of a record header other than error are finite")
         add(f"{name} infinite", patched(at, "<f", math.inf), "numbers of a record header other than error are finite")
     add("bytes after the last record", full + bytes(4), "the message is longer than its records", required=False)
+    add("q32 payload cut", message([packed])[:-4], "a record is shorter than record_bytes", **q32_layout)
+    other = patched(22, "<B", 1, message([packed]))
+    add("q48 on a channel of q32", other, "the encoding is not that of the channel", **q32_layout)
     add("root NaN", patched(44, "<f", math.nan), "positions are finite", required=False)
     add("rotation infinite", patched(60, "<f", math.inf), "rotations are finite", required=False)
     add("weight NaN", patched(48, "<f", math.nan, weights), "weights are finite", required=False)
@@ -229,28 +246,35 @@ def q48() -> Json:
     }
 
 
+def q32() -> Json:
+    """As :func:`q48`, with one 32-bit word per rotation."""
+    encode = [{"rotation": row, "word": struct.unpack("<I", smallest_three_32(tuple(row)))[0]} for row in quaternions()]
+    words = [row["word"] for row in encode[:16]]
+    corners = [(a, b, c) for a in (0, 511, 1_022) for b in (511,) for c in (511, 700)]
+    parts = [*corners, *[(400, 620, 511)] * 4]
+    omitted = [0] * len(corners) + [0, 1, 2, 3]
+    words += [a | b << 10 | c << 20 | k << 30 for (a, b, c), k in zip(parts, omitted, strict=True)]
+    return {
+        "tolerance_rad": 0.005,
+        "encode": encode,
+        "decode": [{"word": w, "rotation": unpacked_32(w)} for w in words],
+    }
+
+
+def unpacked_32(word: int) -> list[float]:
+    stored = [((word >> shift & 0x3FF) - 511) / (511 * math.sqrt(2.0)) for shift in (0, 10, 20)]
+    return completed(stored, word >> 30)
+
+
 def unpacked(words: list[int]) -> list[float]:
     omitted = (words[0] >> 15) + 2 * (words[1] >> 15)
     stored = [((word & 0x7FFF) - 16_383) / (16_383 * math.sqrt(2.0)) for word in words]
+    return completed(stored, omitted)
+
+
+def completed(stored: list[float], omitted: int) -> list[float]:
+    """Four components of three and the index of the omitted one."""
     return [*stored[:omitted], math.sqrt(max(0.0, 1.0 - sum(part * part for part in stored))), *stored[omitted:]]
-
-
-# --- adverbs ---
-
-
-def adverb_messages() -> list[Json]:
-    """Binary messages 0x10; the adverbs are float32 numbers."""
-    rows: list[tuple[int, list[float]]] = [
-        (0, [0.0]),
-        (513, [1.0, -2.0]),
-        (65_535, [0.1, -0.0, 1e-45, 3e38]),
-        (7, list(np.linspace(-1.0, 1.0, 16))),
-    ]
-    found = []
-    for channel, adverbs in rows:
-        content = struct.pack("<BBH", 0x10, 0, channel) + b"".join(struct.pack("<f", number) for number in adverbs)
-        found.append({"channel": channel, "adverbs": [single(number) for number in adverbs], "hex": content.hex()})
-    return found
 
 
 # --- clocks ---
@@ -318,10 +342,14 @@ PARTS: dict[str, Callable[[], Any]] = {
     "malformed_pose_messages": malformed_pose_messages,
     "layouts": layouts,
     "q48": q48,
+    "q32": q32,
     "adverb_messages": adverb_messages,
+    "bulk_adverb_messages": bulk_adverb_messages,
+    "malformed_adverb_messages": malformed_adverb_messages,
     "server_messages": server_messages,
     "malformed_server_messages": malformed_server_messages,
     "client_messages": client_messages,
+    "malformed_client_messages": malformed_client_messages,
     "clocks": clocks,
     "jitter": jitter,
 }

@@ -42,9 +42,28 @@ SERVER: list[Json] = [
     OPENED,
     OPENED | {"encoding": "f32", "record_bytes": 68, "follow": None, "resumed": True},
     {"op": "version", "channel": 3, "version": 4_294_967_295, "record_bytes": 48},
-    {"op": "event", "channel": 3, "name": "apex", "phase": 0.5},
+    OPENED | {"encoding": "q32", "record_bytes": 44},
+    {
+        "op": "events",
+        "items": [
+            {"channel": 3, "name": "apex", "phase": 0.5},
+            {"channel": 65_535, "name": "end", "phase": 1.0},
+            {"channel": 3, "name": "end", "phase": 1.0},
+        ],
+    },
+    {"op": "events", "items": [{"channel": 0, "name": "start", "phase": 0.0}]},
     {"op": "end", "channel": 65_535},
     {"op": "pong", "t": 12.25, "server_time_ns": 1_700_000_000_123_456_789},
+    {
+        "op": "stats",
+        "seconds": 1.0,
+        "kbps": 1_996.5,
+        "budget_kbps": 2_000.0,
+        "records": 1_480,
+        "left_out": 4_520,
+        "min_fps": 7.0,
+        "max_fps": 60.0,
+    },
     {"op": "error", "channel": 3, "code": "unknown_adverb", "detail": "no adverb 'q'; known: x"},
     {"op": "error", "channel": None, "code": "unknown_session", "detail": "no session 'k3J-x_9'"},
     {"op": "error", "channel": None, "code": "of_tomorrow", "detail": "a code that this client does not know"},
@@ -68,6 +87,8 @@ CLIENT: list[Json] = [
         "loop": True,
         "half_life": 0.05,
         "follow": False,
+        "events": False,
+        "priority": 2.5,
     },
     {"op": "open", "channel": 0, "verb": "reach"},
     {
@@ -81,6 +102,7 @@ CLIENT: list[Json] = [
         "fps": 120,
         "half_life": 1.0,
         "follow": True,
+        "priority": 1000.0,
     },
     {"op": "set", "channel": 3, "phase": 0.0},
     {
@@ -95,6 +117,10 @@ CLIENT: list[Json] = [
     {"op": "switch", "channel": 3, "verb": "board"},
     {"op": "close", "channel": 3},
     {"op": "ping", "t": 1},
+    {"op": "view", "x": 1.5, "y": 1.7, "z": -4.0, "budget_kbps": 2_000},
+    {"op": "view", "budget_kbps": 64.5},
+    {"op": "view", "x": 0.0, "y": 0.0, "z": 0.0},
+    {"op": "view"},
     {"op": "resume", "session": "k3J-x_9", "last_seq": 4_294_967_295},
 ]
 
@@ -116,7 +142,8 @@ def without(fields: Json, *names: str) -> Json:
 
 
 def malformed_server_messages() -> list[Json]:
-    hello, event = SERVER[0], SERVER[4]
+    hello, events, stats = (next(row for row in SERVER if row["op"] == op) for op in ("hello", "events", "stats"))
+    item = events["items"][0]
     rows: list[tuple[str, str]] = [
         ("", "not JSON"),
         ("{", "not JSON"),
@@ -127,8 +154,12 @@ def malformed_server_messages() -> list[Json]:
         (json.dumps(without(hello, "session")), "session is missing"),
         (json.dumps(without(OPENED, "record_bytes")), "record_bytes is missing"),
         (json.dumps(without(OPENED, "skeleton")), "skeleton is missing"),
-        (json.dumps(event | {"channel": "three"}), "channel is not a number"),
-        (json.dumps(without(event, "phase")), "phase is missing"),
+        (json.dumps(without(events, "items")), "items is missing"),
+        (json.dumps(events | {"items": 7}), "items is not an array"),
+        (json.dumps(events | {"items": [item | {"channel": "three"}]}), "channel is not a number"),
+        (json.dumps(events | {"items": [item, without(item, "phase")]}), "phase is missing"),
+        (json.dumps(without(stats, "left_out")), "left_out is missing"),
+        (json.dumps(stats | {"kbps": "many"}), "kbps is not a number"),
         (json.dumps({"op": "pong", "t": "now", "server_time_ns": 1}), "t is not a number"),
         (json.dumps({"op": "end"}), "channel is missing"),
         (json.dumps({"op": "error", "channel": None, "detail": "x"}), "code is missing"),
@@ -139,3 +170,25 @@ def malformed_server_messages() -> list[Json]:
 
 def client_messages() -> list[Json]:
     return [{"text": json.dumps(fields), "fields": fields} for fields in CLIENT]
+
+
+def malformed_client_messages() -> list[Json]:
+    """Messages that the server answers with the error ``bad_message``."""
+    channel, opening = {"op": "set", "channel": 3}, {"op": "open", "channel": 0, "verb": "reach"}
+    rows: list[tuple[Json, str]] = [
+        ({"op": "view", "x": 1.0, "y": 2.0}, "x, y and z are given together"),
+        ({"op": "view", "z": 1.0, "budget_kbps": 100}, "x, y and z are given together"),
+        ({"op": "view", "x": 1.0, "y": None, "z": 3.0}, "x, y and z are given together"),
+        ({"op": "view", "budget_kbps": 0.5}, "budget_kbps is below 1"),
+        ({"op": "view", "budget_kbps": 10_000_001}, "budget_kbps is above 10,000,000"),
+        ({"op": "view", "budget_kbps": "100"}, "budget_kbps is not a number"),
+        ({"op": "view", "x": 2e9, "y": 0.0, "z": 0.0}, "x is above 1e9"),
+        ({"op": "view", "w": 1.0}, "w is no field of view"),
+        (channel | {"priority": 0.0}, "priority is not positive"),
+        (channel | {"priority": 1000.5}, "priority is above 1000"),
+        (channel | {"events": False}, "events is no field of set"),
+        (opening | {"priority": -1.0}, "priority is not positive"),
+        (opening | {"events": 0}, "events is not a boolean"),
+        (opening | {"encoding": "q16"}, "the encoding is unknown"),
+    ]
+    return [{"text": json.dumps(fields), "reason": reason} for fields, reason in rows]

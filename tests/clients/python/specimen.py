@@ -26,7 +26,7 @@ class Rec:
         head += struct.pack("<I", self.version)
         head += struct.pack("<ffff", self.phase, self.time, self.error, self.duration)
         assert len(head) == 24
-        payload = (f32, q48, weights)[self.encoding](self)
+        payload = (f32, q48, weights, q32)[self.encoding](self)
         return head + payload + bytes(-len(payload) % 4)
 
 
@@ -47,6 +47,17 @@ def smallest_three(turn: tuple[float, float, float, float]) -> bytes:
     return struct.pack("<HHH", *words)
 
 
+def q32(rec: Rec) -> bytes:
+    return struct.pack("<fff", *rec.root) + b"".join(smallest_three_32(turn) for turn in rec.rotations)
+
+
+def smallest_three_32(turn: tuple[float, float, float, float]) -> bytes:
+    out = max(range(4), key=lambda k: abs(turn[k]))
+    signed = [-c for c in turn] if turn[out] < 0 else list(turn)
+    first, second, third = (round(511 * math.sqrt(2) * c) + 511 for k, c in enumerate(signed) if k != out)
+    return struct.pack("<I", first + (second << 10) + (third << 20) + (out << 30))
+
+
 def weights(rec: Rec) -> bytes:
     return struct.pack("<HH", len(rec.weights), 0) + b"".join(struct.pack("<f", weight) for weight in rec.weights)
 
@@ -60,5 +71,5 @@ def message(records: list[Rec], *, sequence: int = 1, time_ns: int = 10**18, dro
 
 def record_bytes(encoding: int, count: int) -> int:
     """Length of a record with a number of joints or examples."""
-    payload = (12 + 16 * count, 12 + 6 * count, 4 + 4 * count)[encoding]
+    payload = (12 + 16 * count, 12 + 6 * count, 4 + 4 * count, 12 + 4 * count)[encoding]
     return 24 + payload + -payload % 4

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from service.stream.messages import CLIENT, SERVER
 from service.wire import HEADER, OP_POSES, WIRE, Layout, Targets, pack
@@ -54,6 +55,24 @@ def test_q48_rotations_are_encoded():
     expected = np.array([row["words"] for row in rows])
     assert (words >> 15 == expected >> 15).all()
     assert np.abs((words & 0x7FFF) - (expected & 0x7FFF)).max() <= 1
+
+
+def test_q32_rotations_are_encoded():
+    """Within one step of each component: the vectors do not state how halves are rounded."""
+    rows = VECTORS["q32"]["encode"]
+    record = VECTORS["pose_messages"][0]["records"][1]
+    content = encode(record | {"encoding": "q32", "rotations": [row["rotation"] for row in rows]})
+    words = np.frombuffer(content, "<u4", len(rows), 36).astype(np.int64)
+    expected = np.array([row["word"] for row in rows], np.int64)
+    assert (words >> 30 == expected >> 30).all()
+    for shift in (0, 10, 20):
+        assert np.abs((words >> shift & 1023) - (expected >> shift & 1023)).max() <= 1
+
+
+@pytest.mark.parametrize("vector", VECTORS["malformed_client_messages"], ids=lambda vector: vector["text"])
+def test_malformed_client_messages_are_rejected(vector):
+    with pytest.raises(ValidationError):
+        CLIENT.validate_json(vector["text"])
 
 
 @pytest.mark.parametrize("vector", VECTORS["client_messages"], ids=lambda vector: vector["text"][:40])

@@ -491,7 +491,7 @@ export interface components {
              */
             weights: boolean;
         };
-        ClientMessage: components["schemas"]["Open"] | components["schemas"]["Set"] | components["schemas"]["Switch"] | components["schemas"]["Close"] | components["schemas"]["Ping"] | components["schemas"]["Resume"];
+        ClientMessage: components["schemas"]["Open"] | components["schemas"]["Set"] | components["schemas"]["Switch"] | components["schemas"]["Close"] | components["schemas"]["Ping"] | components["schemas"]["Resume"] | components["schemas"]["View"];
         /**
          * Close
          * @description End a character.
@@ -554,21 +554,29 @@ export interface components {
             op: "error";
         };
         /**
-         * Event
-         * @description A keytime passed.
+         * EventItem
+         * @description A channel passed a keytime.
          */
-        Event: {
+        EventItem: {
             /** Channel */
             channel: number;
             /** Name */
             name: string;
+            /** Phase */
+            phase: number;
+        };
+        /**
+         * Events
+         * @description Keytimes that channels passed in one tick, in order.
+         */
+        Events: {
+            /** Items */
+            items: components["schemas"]["EventItem"][];
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
-            op: "event";
-            /** Phase */
-            phase: number;
+            op: "events";
         };
         /** HTTPValidationError */
         HTTPValidationError: {
@@ -624,7 +632,13 @@ export interface components {
              * @default f32
              * @enum {string}
              */
-            encoding: "f32" | "q48" | "weights";
+            encoding: "f32" | "q48" | "weights" | "q32";
+            /**
+             * Events
+             * @description Whether keytimes of the channel are reported.
+             * @default true
+             */
+            events: boolean;
             /**
              * Follow
              * @default true
@@ -680,6 +694,12 @@ export interface components {
              */
             play: boolean;
             /**
+             * Priority
+             * @description Weight of the channel where the connection has a byte budget; see `view`.
+             * @default 1
+             */
+            priority: number;
+            /**
              * Space
              * @default local
              * @enum {string}
@@ -707,7 +727,7 @@ export interface components {
              * Encoding
              * @enum {string}
              */
-            encoding: "f32" | "q48" | "weights";
+            encoding: "f32" | "q48" | "weights" | "q32";
             /** Follow */
             follow: number[] | null;
             /** Fps */
@@ -1307,7 +1327,7 @@ export interface components {
              */
             weights: boolean;
         };
-        ServerMessage: components["schemas"]["Hello"] | components["schemas"]["Opened"] | components["schemas"]["Version"] | components["schemas"]["Event"] | components["schemas"]["End"] | components["schemas"]["Pong"] | components["schemas"]["Error"] | components["schemas"]["Drain"];
+        ServerMessage: components["schemas"]["Hello"] | components["schemas"]["Opened"] | components["schemas"]["Version"] | components["schemas"]["Events"] | components["schemas"]["End"] | components["schemas"]["Pong"] | components["schemas"]["Stats"] | components["schemas"]["Error"] | components["schemas"]["Drain"];
         /**
          * Set
          * @description Change the given fields of a character.
@@ -1361,10 +1381,40 @@ export interface components {
              */
             play: boolean | null;
             /**
+             * Priority
+             * @default null
+             */
+            priority: number | null;
+            /**
              * Speed
              * @default null
              */
             speed: number | null;
+        };
+        /**
+         * Stats
+         * @description What a byte budget sent and left out in an interval.
+         */
+        Stats: {
+            /** Budget Kbps */
+            budget_kbps: number;
+            /** Kbps */
+            kbps: number;
+            /** Left Out */
+            left_out: number;
+            /** Max Fps */
+            max_fps: number;
+            /** Min Fps */
+            min_fps: number;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            op: "stats";
+            /** Records */
+            records: number;
+            /** Seconds */
+            seconds: number;
         };
         /**
          * StreamAdverb
@@ -1670,6 +1720,38 @@ export interface components {
             verb: string;
             /** Versions */
             versions: components["schemas"]["VersionAnswer"][];
+        };
+        /**
+         * View
+         * @description Set the viewpoint and the byte budget of the connection; replaces both.
+         */
+        View: {
+            /**
+             * Budget Kbps
+             * @description Limit of pose messages, 1000 bit/s; null: unlimited.
+             * @default null
+             */
+            budget_kbps: number | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            op: "view";
+            /**
+             * X
+             * @default null
+             */
+            x: number | null;
+            /**
+             * Y
+             * @default null
+             */
+            y: number | null;
+            /**
+             * Z
+             * @default null
+             */
+            z: number | null;
         };
         /** _Adverb */
         _Adverb: {

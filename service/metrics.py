@@ -18,6 +18,7 @@ from pathlib import Path
 
 import anyio
 import numpy as np
+import numpy.typing as npt
 import prometheus_client
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -25,6 +26,7 @@ from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 
 from service.catalog.catalog import Catalog, Entry
+from verbs.conventions import F64
 from verbs.runtime.evaluate import Blend
 
 __all__ = ["NONE", "UNMATCHED", "Metrics"]
@@ -161,7 +163,11 @@ class Metrics:
 
     def count_poses(self, entry: Entry, blend: Blend, poses: int) -> None:
         """Count evaluated poses and observe their errors; a sequence at constant adverbs has a single blend."""
-        key = (entry.verb.name, entry.version, blend.method)
+        self.count_frames(entry, blend.method, blend.error, blend.clamped, poses)
+
+    def count_frames(self, entry: Entry, method: str, errors: F64, clamped: npt.NDArray[np.bool_], poses: int) -> None:
+        """Count poses, with the errors (B,) of their blends and whether these were clamped (B,)."""
+        key = (entry.verb.name, entry.version, method)
         children = self._poses_cached.get(key)
         if children is None:
             name, version, method = key
@@ -170,17 +176,17 @@ class Metrics:
                 self._poses.labels(name, method),
                 self._clamped.labels(name),
             )
-        error, count, clamped = children
+        error, count, outside = children
         count.inc(poses)
-        if len(blend.error) == 1:
-            value = float(blend.error[0])
+        if len(errors) == 1:
+            value = float(errors[0])
             if not math.isnan(value):  # NaN where nothing can be measured
                 error.observe(value)
-            if blend.clamped[0]:
-                clamped.inc()
+            if clamped[0]:
+                outside.inc()
             return
-        _observe_many(error, blend.error[np.isfinite(blend.error)])
-        clamped.inc(int(np.count_nonzero(blend.clamped)))
+        _observe_many(error, errors[np.isfinite(errors)])
+        outside.inc(int(np.count_nonzero(clamped)))
 
     def set_verbs(self, catalog: Catalog) -> None:
         """Set the versions and errors of the served verbs."""

@@ -24,6 +24,7 @@ from service.refinement.scheduler import Scheduler
 from service.refinement.usage import MAX_RECORDED, Adverbs, Usage
 from service.settings import Settings
 from service.store.store import Store, StoreUnavailable
+from service.stream import kernels
 from service.stream.hub import Hub
 from service.upload.builder import Builder, Sandboxes
 from service.upload.spawned import Spawned
@@ -156,6 +157,7 @@ class ServerState:
     def _load(self) -> Catalog:
         """Warm kernels, open the store, and load the verbs."""
         wire.warm()
+        kernels.warm()
         settings = self.settings
         if settings.data is None:
             return catalogs.load(None)

@@ -17,9 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from verbs.conventions import F32, F64, I64
+from verbs.kernels import pose
 from verbs.kernels.character_state import PROGRESS, Records
 from verbs.kernels.compile import direct, kernel
-from verbs.runtime.characters import Frames
+from verbs.runtime.characters import Characters, Frames
 from verbs.runtime.evaluate import Blend, Poses
 from verbs.skeleton import Skeleton
 
@@ -34,21 +35,26 @@ __all__ = [
     "LAST",
     "NEW_VERSION",
     "OP_ADVERBS",
+    "OP_MANY",
     "OP_POSES",
+    "U8",
     "U32",
     "WIRE",
     "Layout",
+    "Step",
     "Targets",
     "encode",
     "encode_one",
     "offsets_in",
     "pack",
+    "pack_step",
     "record",
     "warm",
 ]
 
 U32 = npt.NDArray[np.uint32]
 U16 = npt.NDArray[np.uint16]
+U8 = npt.NDArray[np.uint8]
 Flags = npt.NDArray[np.bool_]
 
 # ── the format ────────────────────────────────────────────────────────────────────────────────────────────────────
@@ -56,8 +62,8 @@ Flags = npt.NDArray[np.bool_]
 WIRE = 1
 """Version of the format."""
 
-OP_POSES, OP_ADVERBS = 0x01, 0x10
-"""First byte of binary messages: poses from the server, adverbs from the client."""
+OP_POSES, OP_ADVERBS, OP_MANY = 0x01, 0x10, 0x11
+"""First byte of binary messages: poses from the server; adverbs of one channel, or of many, from the client."""
 
 F32_ENCODING, Q48, WEIGHTS = range(3)
 ENCODINGS = {"f32": F32_ENCODING, "q48": Q48, "weights": WEIGHTS}
@@ -230,10 +236,51 @@ class Targets(NamedTuple):
             np.concatenate([layout.joints for layout in layouts]),
         )
 
+    @classmethod
+    def joined(cls, some: Sequence[Targets]) -> Targets:
+        """Targets of several groups of characters, one after another."""
+        shifts = np.cumsum([0, *(len(one.joints) for one in some[:-1])])
+        starts = [one.starts[:-1] + shift for one, shift in zip(some, shifts, strict=True)]
+        total = int(shifts[-1]) + len(some[-1].joints)
+        return cls(
+            np.concatenate([one.at for one in some]),
+            np.concatenate([one.heads for one in some]),
+            np.concatenate([one.layouts for one in some]),
+            np.concatenate([*starts, [total]]).astype(np.int64),
+            np.concatenate([one.joints for one in some]),
+        )
+
     def part(self, first: int, stop: int) -> Targets:
         """Views of the targets of some adjacent characters."""
         rows = slice(first, stop)
         return Targets(self.at[rows], self.heads[rows], self.layouts[rows], self.starts[first : stop + 1], self.joints)
+
+
+class Step(NamedTuple):
+    """What a step did to B characters.
+
+    Parameters
+    ----------
+    progress : (B,) of :data:`verbs.kernels.character_state.PROGRESS`
+    error : (B,) float64
+    clamped : (B,) bool
+    """
+
+    progress: Records
+    error: F64
+    clamped: Flags
+
+
+def pack_step(characters: Characters, slots: I64, step_s: float, version: int, targets: Targets, words: U32) -> Step:
+    """Step characters, and write their records into ``words``."""
+    frames = characters.step(slots, step_s)
+    rotations = frames.rotations
+    if targets.layouts[:, 1].any():
+        skeleton = characters.verb.skeleton
+        rotations, positions = np.empty_like(frames.rotations), np.empty((*frames.rotations.shape[:2], 3))
+        pose.forward(frames.root, frames.rotations, skeleton.parents, skeleton.offsets, rotations, positions)
+    pack(frames, rotations, version, targets, words)
+    return Step(frames.progress, frames.blend.error, frames.blend.clamped)
 
 
 class _Frames(NamedTuple):

@@ -30,8 +30,10 @@ def load_serving() -> None:
     from service import wire
     from service.catalog import catalog
     from service.run import server  # noqa: F401
+    from service.stream import kernels
 
     wire.warm()
+    kernels.warm()
     catalog.load(None)
 
 
@@ -89,11 +91,13 @@ def main() -> None:
 def _compile() -> None:
     """Compile the kernels of streams and of the methods but the longest."""
     from service import wire
+    from service.stream import kernels
     from verbs import library
     from verbs.runtime.characters import Characters
     from verbs.runtime.evaluate import Evaluator
 
     wire.warm()
+    kernels.warm()
     Characters(Evaluator(library.load("arm3"))).warm()
     _evaluate("barycentric")
 

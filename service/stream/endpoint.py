@@ -1,29 +1,28 @@
-"""WebSocket endpoint ``/v1/stream``: one task per connection reads and replies; the tick loop sends poses."""
+"""WebSocket endpoint ``/v1/stream``: one task per connection reads and hands over commands; the engine replies."""
 
 from __future__ import annotations
 
 import asyncio
-import struct
 import time
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import anyio
+import numpy as np
 import orjson
-import structlog
 from pydantic import ValidationError
 from starlette.routing import WebSocketRoute
 from starlette.types import Receive, Scope, Send
 
-from service import errors
-from service.errors import BadMessage, ServiceError
-from service.stream.connection import TOO_SLOW, Connection
+from service.errors import BadMessage
+from service.stream.connection import TOO_SLOW, Connection, DirectConnection, LoopConnection
 from service.stream.hub import Hub
-from service.stream.messages import CLIENT, Close, Open, Ping, Resume, Set, Switch
-from service.stream.session import Session
+from service.stream.kernels import U16
+from service.stream.messages import CLIENT
 from service.stream.transport import TRANSPORT, StreamProtocol
-from service.wire import OP_ADVERBS
-from verbs.errors import VerbError
+from service.wire import OP_ADVERBS, OP_MANY
+from verbs.conventions import F32
 
 __all__ = ["SUBPROTOCOL", "route"]
 
@@ -31,10 +30,11 @@ SUBPROTOCOL = "adverb.v1"
 MAX_CHANNEL = 65_535
 TOO_MANY = 4029
 
-log = structlog.get_logger("adverb.stream")
-
 MAX_CONSECUTIVE = 32
-"""Messages of one client that are handled before the event loop runs other tasks."""
+"""Messages of one client that are read before the event loop runs other tasks."""
+
+MAX_BACKLOG = 64
+"""Messages of one client that wait for the engine before its next ones are left unread."""
 
 _FINAL = {1000, 1001}
 """Close codes of a client that does not resume. 1005 is not one: a lost connection has it too."""
@@ -62,17 +62,11 @@ class _Endpoint:
             reason = "the server is stopping" if hub.draining else "the server has its maximum number of streams"
             await send({"type": "websocket.close", "code": 1012 if hub.draining else TOO_MANY, "reason": reason})
             return
-        with anyio.CancelScope() as reading:
-            transport: StreamProtocol | None = scope.get("extensions", {}).get(TRANSPORT)
-            connection = Connection(send, reading, transport)
-            reader = _Reader(hub, connection)
-            if transport is not None:
-                transport.on_binary = reader.handle_binary
-            try:
-                await reader.run(receive)
-            finally:
-                with anyio.CancelScope(shield=True):
-                    await hub.leave(connection, for_good=reader.left)
+        hub.connections += 1
+        try:
+            connection = await self._serve(scope, receive, send)
+        finally:
+            hub.connections -= 1
         if connection.ending is not None:
             code, reason = connection.ending
             with (
@@ -81,101 +75,103 @@ class _Endpoint:
             ):  # the connection may be lost
                 await send({"type": "websocket.close", "code": code, "reason": reason})
 
+    async def _serve(self, scope: Scope, receive: Receive, send: Send) -> Connection:
+        hub = self._hub
+        with anyio.CancelScope() as reading:
+            transport: StreamProtocol | None = scope.get("extensions", {}).get(TRANSPORT)
+            connection = await _connection(hub, transport, send, reading)
+            reader = _Reader(hub, connection)
+            hub.post(hub.join, connection)
+            if transport is not None:
+                transport.idle, transport.on_adverbs = reader.idle, reader.aim
+            try:
+                await reader.run(receive)
+            finally:
+                if transport is not None:
+                    transport.on_adverbs = None
+                hub.post(hub.leave, connection, reader.left)
+        return connection
+
+
+async def _connection(hub: Hub, transport: StreamProtocol | None, send: Send, reading: anyio.CancelScope) -> Connection:
+    """The sending side: direct where the socket can be duplicated, else by the event loop."""
+    loop = asyncio.get_running_loop()
+    copy = transport.duplicate() if transport is not None else None
+    if transport is None or copy is None:
+        return LoopConnection(loop, reading.cancel, send)
+    connection = DirectConnection(loop, reading.cancel, copy, transport.close_transport)
+    await transport.hand_over(_Writer(hub, connection))
+    return connection
+
+
+class _Writer:
+    """Hands what the WebSocket library writes to the engine."""
+
+    def __init__(self, hub: Hub, connection: DirectConnection) -> None:
+        self.write = partial(hub.post, hub.write, connection)
+        self.close = partial(hub.post, hub.close_connection, connection)
+
 
 class _Reader:
-    """Reads and handles the messages of one connection."""
+    """Reads the messages of one connection, and hands them to the engine."""
 
     def __init__(self, hub: Hub, connection: Connection) -> None:
-        self.hub, self.connection, self.left, self._busy = hub, connection, False, True
-        self.session: Session = hub.join(connection)
+        self.hub, self.connection, self.left = hub, connection, False
 
     async def run(self, receive: Receive) -> None:
-        """Send ``hello``, then handle messages until the client disconnects."""
-        self.session.send_text(
-            {
-                "op": "hello",
-                "session": self.session.id,
-                "server_time_ns": self.hub.server_time_ns(),
-                "max_channels": self.hub.settings.stream_channels,
-                "grace_s": self.hub.settings.stream_grace_s,
-            }
-        )
+        """Read messages until the client disconnects."""
         count = 0
         while True:
-            self._busy = False
             message = await receive()
-            self._busy = True
             if message["type"] == "websocket.disconnect":
                 self.left = message.get("code") in _FINAL
                 return
-            await self._handle(message)
+            self._hand_over(message)
             count += 1
             if count % MAX_CONSECUTIVE == 0:
                 await asyncio.sleep(0)
-            await self._wait_for_reader()
+            await self._wait()
 
-    def handle_binary(self, content: bytes) -> bool:
-        """Handle a binary message on arrival; False if earlier messages are pending."""
-        if self._busy or self.connection.pending:
-            return False
-        self._set_adverbs(content)
-        return True
+    def idle(self) -> bool:
+        """Whether adverbs may be handed over on arrival: few messages wait for the engine, and the client reads."""
+        connection = self.connection
+        return connection.backlog < MAX_BACKLOG and not connection.pending
 
-    async def _wait_for_reader(self) -> None:
-        """Wait until pending messages are sent, so that a client that does not read is not read either.
+    def aim(self, channels: U16, values: F32, whole: bool) -> None:
+        """Hand over adverbs."""
+        self.connection.posted += 1
+        self.hub.post(self.hub.aim, self.connection, channels, values, whole, wake=False)
 
-        ASGI has no event for free buffer space, so this polls.
+    async def _wait(self) -> None:
+        """Wait until the engine has handled most messages and pending ones are sent.
+
+        So a client that does not read is not read either. This polls: sockets and the engine have no event for it.
         """
-        pause, end = 0.005, time.monotonic() + self.hub.settings.stream_slow_s
-        while not self.connection.flush() and not self.connection.lost:
-            if time.monotonic() > end:
-                self.connection.end(TOO_SLOW, f"the client read nothing for {self.hub.settings.stream_slow_s:g} s")
+        pause, end = 0.0005, time.monotonic() + self.hub.settings.stream_slow_s
+        connection = self.connection
+        while (connection.backlog >= MAX_BACKLOG or connection.pending) and not connection.lost:
+            if connection.pending and time.monotonic() > end:
+                connection.end(TOO_SLOW, f"the client read nothing for {self.hub.settings.stream_slow_s:g} s")
             await asyncio.sleep(pause)
             pause = min(2 * pause, 0.1)
 
-    async def _handle(self, message: Any) -> None:
-        content = message.get("text")
-        if content is None:
-            self._set_adverbs(message["bytes"])
-            return
-        channel = _channel_of(content)
+    def _hand_over(self, message: Any) -> None:
+        content, channel = message.get("text"), None
+        parsed: Any
         try:
-            await self._apply(_parsed(content))
-        except (ServiceError, VerbError) as err:
-            self._send_error(channel, *errors.code_of(err))
-        except Exception:
-            log.exception("stream message failed", session=self.session.id)
-            self._send_error(channel, "internal_error", "internal error; the server's log has the details")
-
-    def _set_adverbs(self, content: bytes) -> None:
-        channel: int | None = None
-        try:
-            channel, row = _parsed_adverbs(content)
-            self.hub.set_adverbs(self.session, channel, row)
-        except (ServiceError, VerbError) as err:
-            self._send_error(channel, *errors.code_of(err))
-
-    def _send_error(self, channel: int | None, code: str, detail: str) -> None:
-        self.session.send_text({"op": "error", "channel": channel, "code": code, "detail": detail})
-
-    async def _apply(self, message: Open | Set | Switch | Close | Ping | Resume) -> None:
-        hub, session = self.hub, self.session
-        match message:
-            case Open():
-                await hub.open(session, message)
-            case Set():
-                await hub.set(session, message)
-            case Switch():
-                await hub.switch(session, message)
-            case Close():
-                await hub.close(session, message.channel)
-            case Ping():
-                session.send_text({"op": "pong", "t": message.t, "server_time_ns": hub.server_time_ns()})
-            case Resume():
-                self.session = await hub.resume(session, message.session, message.last_seq)
+            if content is None:
+                channels, values, whole = _parsed_adverbs(message["bytes"])
+                self.aim(channels, values, whole)
+                return
+            channel = _channel_of(content)
+            parsed = _parsed(content)
+        except BadMessage as err:
+            parsed = err
+        self.connection.posted += 1
+        self.hub.post(self.hub.handle, self.connection, channel, parsed)
 
 
-def _parsed(content: str) -> Open | Set | Switch | Close | Ping | Resume:
+def _parsed(content: str) -> Any:
     try:
         return CLIENT.validate_json(content)
     except ValidationError as err:
@@ -193,10 +189,20 @@ def _channel_of(content: str) -> int | None:
     return channel if type(channel) is int and 0 <= channel <= MAX_CHANNEL else None
 
 
-def _parsed_adverbs(content: bytes) -> tuple[int, tuple[float, ...]]:
-    if len(content) < 8 or len(content) % 4 or content[0] != OP_ADVERBS:
-        raise BadMessage(
-            f"a binary message is 0x10, 0, channel as u16, then the verb's adverbs as f32; it has {len(content)} bytes"
-        )
-    _, _, channel, *row = struct.unpack(f"<BBH{len(content) // 4 - 1}f", content)
-    return channel, tuple(row)
+def _parsed_adverbs(content: bytes) -> tuple[U16, F32, bool]:
+    """Channels (rows,), adverbs (rows · D,) of a binary message, and whether it is one of many channels."""
+    op = content[0] if content else None
+    if op == OP_ADVERBS and len(content) >= 8 and len(content) % 4 == 0:
+        return np.frombuffer(content, "<u2", 1, 2).copy(), np.frombuffer(content, "<f4", -1, 4).copy(), False
+    if op == OP_MANY and len(content) >= 4:
+        count = int.from_bytes(content[2:4], "little")
+        width = (len(content) - 4) // max(count, 1) // 4 - 1
+        if count and width >= 1 and len(content) == 4 + count * (4 + 4 * width):
+            rows = np.frombuffer(
+                content, np.dtype([("channel", "<u2"), ("zero", "<u2"), ("row", "<f4", (width,))]), count, 4
+            )
+            return rows["channel"].copy(), rows["row"].reshape(-1).copy(), True
+    raise BadMessage(
+        "a binary message is 0x10, 0, channel as u16, then the verb's adverbs as f32; or 0x11, 0, a count as u16, then "
+        f"so many rows of channel as u16, 0 as u16 and adverbs as f32; it has {len(content)} bytes"
+    )

@@ -1,49 +1,49 @@
-"""All streams of one server process: sessions, groups of characters, and the tick loop.
+"""All streams of one server process: sessions, and groups of characters.
 
-One loop runs all ticks, on an absolute schedule. Sessions are spread over several tickers, whose ticks are spread
-evenly over a frame, so that each tick is short.
+Clients' messages come from the event loop as commands, and everything but :meth:`Hub.post`, :meth:`Hub.run`,
+:meth:`Hub.drain` and :meth:`Hub.set_catalog` runs in the engine's thread.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import structlog
 
+from service import errors
 from service.catalog.catalog import Catalog, Entry
-from service.errors import ChannelInUse, TooManyChannels, UnknownChannel, UnknownSession
+from service.errors import ChannelInUse, ServiceError, TooManyChannels, UnknownSession
 from service.metrics import Metrics
 from service.refinement.usage import Usage
 from service.settings import Settings
 from service.stream.channel import layout_of, opened
 from service.stream.connection import Connection
+from service.stream.engine import Engine
 from service.stream.group import Group
-from service.stream.messages import Open, Set, Switch
+from service.stream.interest import Interest
+from service.stream.kernels import U16
+from service.stream.messages import Close, Open, Ping, Resume, Set, Switch, View
 from service.stream.sampling import CharacterSampler
-from service.stream.session import Channel, Session
-from service.stream.ticker import Ticker
+from service.stream.session import Channel, LineTable, Session
+from service.stream.ticks import Prepared, Ticks
 from service.wire import NEW_VERSION
+from verbs.conventions import F32
 from verbs.errors import VerbError
 from verbs.runtime.characters import VERSION_S
 
 __all__ = ["Hub"]
 
-TICKERS = 8
-"""Tickers whose ticks are spread evenly over a frame of 60 fps, about two milliseconds apart."""
-
-TICKER_OFFSET_S = 1.0 / 60.0 / TICKERS
-CROWDED = 64
-"""Characters of a ticker from which on new sessions go to another one."""
-
-EARLY_S = 0.0003
-"""A tick may run this much early, since timers have a resolution of one millisecond."""
-
 SWEEP_S = 0.5
 
-MAX_ADVERB = 1e9
-"""Largest magnitude of an adverb."""
+RENEW_S = 0.004
+"""Time in which channels are moved to new versions before each tick, seconds; the others follow after the tick."""
+
+log = structlog.get_logger("adverb.stream")
 
 
 class Hub:
@@ -57,137 +57,251 @@ class Hub:
         Gives the verbs that are served now; raises :class:`service.errors.NotReady`.
     usage : Usage
         Records twice a second what every character is requested for.
+
+    Attributes
+    ----------
+    connections : int
+        Number of connections; the event loop counts them.
     """
 
     def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog], usage: Usage) -> None:
         self.settings, self.metrics, self._catalog = settings, metrics, catalog
         self._sampler = CharacterSampler(usage)
         self.sessions: dict[str, Session] = {}
-        self.draining = False
+        self.connections, self.draining = 0, False
+        self.engine = Engine(self)
+        self.post = self.engine.post
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._table = LineTable()
         self._groups: dict[tuple[str, int, str], Group] = {}
-        self._wake = asyncio.Event()
-        self._next_catalog: Catalog | None = None
+        self._waiting: set[Session] = set()
+        self._closing: set[Connection] = set()
+        self._renewing: deque[tuple[Channel, Catalog]] = deque()
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        now = time.monotonic()
-        self._tickers = [Ticker(now + TICKER_OFFSET_S * _spread(k), metrics) for k in range(TICKERS)]
-        self._ticker_of: dict[Session, Ticker] = {}
+        self._sweep_at_s = time.monotonic() + SWEEP_S
+        self.ticks = Ticks(time.monotonic(), self._table, metrics)
 
-    # ── clock ────────────────────────────────────────────────────────────────────────────────────────────────────
+    # ── called by the event loop ─────────────────────────────────────────────────────────────────────────────────
 
     def server_time_ns(self) -> int:
         """The server's clock: ns since 1970, set at the start and monotonic since."""
         return self._epoch_ns + time.monotonic_ns()
 
     async def run(self) -> None:
-        """Run ticks until cancelled."""
-        sweep_at = time.monotonic() + SWEEP_S
-        while True:
-            busy = await self._tick()
-            if self._next_catalog is not None:
-                offered, self._next_catalog = self._next_catalog, None
-                await self._renew_all(offered)
-            now = time.monotonic()
-            if now >= sweep_at:
-                await self._sweep(now)
-                sweep_at = now + SWEEP_S
-            if busy:
-                await asyncio.sleep(0)
-                continue
-            dues = [due for ticker in self._tickers if (due := ticker.due_s()) is not None]
-            await self._sleep(min([sweep_at, *dues]) - now)
-
-    async def _tick(self) -> bool:
-        """Run every tick that is due; return whether one was."""
-        ready = False
-        for ticker in self._tickers:
-            due, now = ticker.due_s(), time.monotonic()
-            if due is not None and due - EARLY_S <= now:
-                ready = True
-                await ticker.tick(max(now, due), self._epoch_ns)
-        return ready
-
-    async def _sleep(self, seconds: float) -> None:
-        """Sleep, or until a channel is opened."""
-        self._wake.clear()
-        timer = asyncio.get_running_loop().call_later(max(seconds, 0.0), self._wake.set)
-        try:
-            await self._wake.wait()
-        finally:
-            timer.cancel()
-
-    # ── sessions ─────────────────────────────────────────────────────────────────────────────────────────────────
+        """Run the engine until cancelled."""
+        self._loop = asyncio.get_running_loop()
+        await self.engine.run()
 
     @property
     def full(self) -> bool:
         """Whether the server has its maximum number of streams."""
-        return sum(session.connected for session in self.sessions.values()) >= self.settings.streams
+        return self.connections >= self.settings.streams
 
     @property
     def characters(self) -> int:
         """Characters of all sessions."""
-        return sum(len(ticker) for ticker in self._tickers)
-
-    def join(self, connection: Connection) -> Session:
-        """A new session for a connection."""
-        session = Session(slow_s=self.settings.stream_slow_s)
-        session.attach(connection)
-        ticker = self._ticker_of[session] = self._least_loaded()
-        ticker.sessions += 1
-        self.sessions[session.id] = session
-        return session
-
-    async def resume(self, session: Session, session_id: str, last_seq: int) -> Session:
-        """Attach a connection to another session; raises :class:`UnknownSession`."""
-        found = self.sessions.get(session_id)
-        if found is None or found is session:
-            raise UnknownSession("this server has no such session; open the channels again")
-        connection = session.connection
-        assert connection is not None  # it sent the request
-        await self.forget(session)
-        ticker = self._ticker_of[found]
-        async with ticker.lock:
-            found.count_lost(last_seq)
-            found.attach(connection)
-            ticker.changed()
-            for channel in found.channels.values():
-                found.send_text(opened(channel, resumed=True))
-        return found
-
-    async def leave(self, connection: Connection, *, for_good: bool) -> None:
-        """Handle the end of a connection: keep its session for the grace time, or close it."""
-        session = next((one for one in self.sessions.values() if one.connection is connection), None)
-        if session is None:
-            return  # another connection resumed the session
-        ticker = self._ticker_of[session]
-        async with ticker.lock:
-            session.detach(time.monotonic())
-            ticker.changed()
-        if for_good or not session.channels or self.draining:
-            await self.forget(session)
-
-    async def forget(self, session: Session) -> None:
-        """End a session and its characters."""
-        if self.sessions.pop(session.id, None) is None:
-            return
-        ticker = self._ticker_of[session]
-        ticker.sessions -= 1
-        async with ticker.lock:
-            session.connection = None
-            for number in list(session.channels):
-                self._close(session, number)
-        del self._ticker_of[session]
+        return self.ticks.characters
 
     def drain(self) -> None:
         """Send ``drain`` to every client and close the connections."""
         self.draining = True
+        self.post(self._drain)
+
+    def set_catalog(self, catalog: Catalog) -> None:
+        """Continue characters, from the next ticks on, with the versions of a new catalog."""
+        self.post(self._renew_all, catalog)
+
+    # ── the engine's work ────────────────────────────────────────────────────────────────────────────────────────
+
+    def start_s(self) -> float | None:
+        """When the preparation of the next tick has to start."""
+        due_s = self.ticks.due_s()
+        return None if due_s is None else due_s - self.ticks.lead_s(due_s)
+
+    def prepare(self) -> Prepared:
+        """Prepare the next tick."""
+        due_s = self.ticks.due_s()
+        assert due_s is not None  # :meth:`start_s` has found one
+        return self.ticks.prepare(due_s, max(time.monotonic(), due_s), self.sessions)
+
+    def send(self, prepared: Prepared) -> None:
+        """Send a prepared tick."""
+        self._waiting.update(self.ticks.send(prepared, self._epoch_ns))
+
+    def idle(self, now_s: float) -> None:
+        """Send what waits, continue with new versions, and sweep twice a second."""
+        if self._waiting:
+            self._flush()
+        if self._closing:
+            self._closing = {connection for connection in self._closing if not connection.flush()}
+        if self._renewing:
+            self._renew_some()
+        if now_s >= self._sweep_at_s:
+            self._sweep_at_s = now_s + SWEEP_S
+            self._sweep(now_s)
+
+    def _flush(self) -> None:
+        for session in list(self._waiting):
+            if session.connection is None or session.connection.flush():
+                self._waiting.discard(session)
+            session.refresh()
+
+    # ── sessions ─────────────────────────────────────────────────────────────────────────────────────────────────
+
+    def join(self, connection: Connection) -> None:
+        """Start a session for a connection, and greet it."""
+        session = Session(self._table, slow_s=self.settings.stream_slow_s)
+        session.attach(connection)
+        self.sessions[session.id] = session
+        self._send(
+            session,
+            {
+                "op": "hello",
+                "session": session.id,
+                "server_time_ns": self.server_time_ns(),
+                "max_channels": self.settings.stream_channels,
+                "grace_s": self.settings.stream_grace_s,
+            },
+        )
+
+    def leave(self, connection: Connection, for_good: bool) -> None:
+        """Handle the end of a connection: keep its session for the grace time, or close it."""
+        session, connection.session = connection.session, None
+        if session is None:
+            return  # another connection resumed the session
+        session.detach(time.monotonic())
+        self.ticks.reconnected()
+        if for_good or not session.channels or self.draining:
+            self._forget(session)
+
+    def write(self, connection: Connection, data: bytes) -> None:
+        """Send frames that the WebSocket library has made."""
+        connection.write(data)
+        self._note_waiting(connection)
+
+    def close_connection(self, connection: Connection) -> None:
+        """Close the socket of a connection once everything is sent."""
+        connection.close()
+        self._note_waiting(connection)
+
+    def _note_waiting(self, connection: Connection) -> None:
+        session = connection.session
+        if connection.pending:
+            if session is None:
+                self._closing.add(connection)
+            else:
+                self._waiting.add(session)
+        if session is not None:
+            session.refresh()
+
+    def _send(self, session: Session, message: dict[str, Any]) -> None:
+        session.send_text(message)
+        if session.connection is not None and session.connection.pending:
+            self._waiting.add(session)
+
+    def _forget(self, session: Session) -> None:
+        """End a session and its characters."""
+        if self.sessions.pop(session.id, None) is not None:
+            for number in list(session.channels):
+                self._close(session, number)
+            self._waiting.discard(session)
+            session.end()
+            self.ticks.reconnected()
+
+    def _drain(self) -> None:
         for session in list(self.sessions.values()):
-            session.send_text({"op": "drain", "detail": "the server is stopping", "reconnect_after_s": 1.0})
+            self._send(session, {"op": "drain", "detail": "the server is stopping", "reconnect_after_s": 1.0})
             if session.connection is not None:
                 session.connection.end(1012, "the server is stopping")
+                session.refresh()
 
-    # ── channels ─────────────────────────────────────────────────────────────────────────────────────────────────
+    def _sweep(self, now_s: float) -> None:
+        """Close sessions whose grace time has passed, and report figures."""
+        over = now_s - self.settings.stream_grace_s
+        for session in [one for one in self.sessions.values() if one.lost_at is not None and one.lost_at < over]:
+            self._forget(session)
+        self.metrics.set_streams(sum(one.connected for one in self.sessions.values()), self.characters)
+        for session in self.sessions.values():
+            message = session.interest.stats(now_s) if session.interest is not None else None
+            if message is not None:
+                self._send(session, message)
+        samples = self._sampler.take(self._groups.values())
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._sampler.record, samples)
 
-    async def open(self, session: Session, request: Open) -> None:
+    # ── messages of clients ──────────────────────────────────────────────────────────────────────────────────────
+
+    def handle(self, connection: Connection, channel: int | None, message: Any) -> None:
+        """Handle a message, or the error of an invalid one; ``channel`` is the one that it names, if any."""
+        session = connection.session
+        connection.handled += 1
+        if session is None:
+            return
+        try:
+            if isinstance(message, Exception):
+                raise message
+            self._apply(session, connection, message)
+        except (ServiceError, VerbError) as err:
+            self._report(connection.session or session, channel, err)
+        except Exception:
+            log.exception("stream message failed", session=session.id)
+            detail = "internal error; the server's log has the details"
+            self._send(session, {"op": "error", "channel": channel, "code": "internal_error", "detail": detail})
+
+    def aim(self, connection: Connection, channels: U16, values: F32, whole: bool) -> None:
+        """Set the goals of characters; see :meth:`service.stream.session.Session.aim`."""
+        session = connection.session
+        connection.handled += 1
+        if session is not None:
+            session.aim(channels, values, whole=whole, report=lambda channel, err: self._report(session, channel, err))
+
+    def _report(self, session: Session, channel: int | None, err: ServiceError | VerbError) -> None:
+        code, detail = errors.code_of(err)
+        self._send(session, {"op": "error", "channel": channel, "code": code, "detail": detail})
+
+    def _apply(self, session: Session, connection: Connection, message: Any) -> None:
+        match message:
+            case Open():
+                self._open(session, message)
+            case Set():
+                self._set(session, message)
+            case Switch():
+                self._switch(session, message)
+            case Close():
+                session.channel(message.channel)
+                self._close(session, message.channel)
+            case View():
+                self._view(session, message)
+            case Ping():
+                self._send(session, {"op": "pong", "t": message.t, "server_time_ns": self.server_time_ns()})
+            case Resume():
+                self._resume(session, connection, message)
+
+    def _resume(self, session: Session, connection: Connection, message: Resume) -> None:
+        """Attach a connection to another session; raises :class:`UnknownSession`."""
+        found = self.sessions.get(message.session)
+        if found is None or found is session:
+            raise UnknownSession("this server has no such session; open the channels again")
+        self._forget(session)
+        found.count_dropped(max(0, found.sequence - message.last_seq))
+        found.attach(connection)
+        self.ticks.reconnected()
+        for channel in found.channels.values():
+            self._send(found, opened(channel, resumed=True))
+
+    def _view(self, session: Session, message: View) -> None:
+        """Set viewpoint and budget."""
+        was = session.interest
+        if message.budget_kbps is None:
+            session.interest = None
+        else:
+            point = None if message.x is None else np.array([message.x, message.y, message.z], np.float64)
+            session.interest = Interest(message.budget_kbps, point)
+            session.interest.follow(was)
+        if (was is None) != (session.interest is None):
+            self.ticks.reconnected()
+
+    def _open(self, session: Session, request: Open) -> None:
         """Start a character."""
         if request.channel in session.channels:
             raise ChannelInUse(f"channel {request.channel} is already open; close it first, or switch it")
@@ -197,95 +311,83 @@ class Hub:
             raise TooManyChannels(f"the server has its maximum of {self.settings.stream_characters} channels")
         entry = self._catalog().entry(request.verb)
         layout, group = layout_of(entry, request), self._group(entry, request.method)
-        async with self._ticker_of[session].lock:
-            slot = group.characters.add(
-                request.adverbs,
-                phase=request.phase,
-                speed=request.speed,
-                playing=request.play,
-                looping=request.loop,
-                half_life_s=request.half_life,
-                following=request.follow,
-            )
-            channel = Channel(request.channel, session, group, slot, request.fps, layout, request)
-            session.channels[request.channel] = channel
-            self._ticker_of[session].add(channel, time.monotonic())
-            session.send_text(opened(channel))
-        self._wake.set()
+        slot = group.characters.add(
+            request.adverbs,
+            phase=request.phase,
+            speed=request.speed,
+            playing=request.play,
+            looping=request.loop,
+            half_life_s=request.half_life,
+            following=request.follow,
+        )
+        channel = Channel(request.channel, session, group, slot, request.fps, layout, request)
+        session.channels[request.channel] = channel
+        self.ticks.add(session, channel.fps, time.monotonic())
+        self._send(session, opened(channel))
 
-    async def set(self, session: Session, request: Set) -> None:
+    def _set(self, session: Session, request: Set) -> None:
         """Change a character."""
-        channel = self._channel(session, request.channel)
-        async with self._ticker_of[session].lock:
-            characters, slot = channel.group.characters, channel.slot
-            row = None
-            if request.adverbs is not None:
-                names = [adverb.name for adverb in characters.verb.adverbs]
-                now = dict(zip(names, characters.goals[slot].tolist(), strict=True))
-                row = characters.row({**now, **request.adverbs})
-            characters.set(
-                slot,
-                phase=request.phase,
-                speed=request.speed,
-                playing=request.play,
-                looping=request.loop,
-                half_life_s=request.half_life,
-                following=request.follow,
-            )
-            if row is not None:
-                characters.aim(slot, row)
-            if request.fps is not None and request.fps != channel.fps:
-                self._ticker_of[session].drop(channel)
-                channel.fps = request.fps
-                self._ticker_of[session].add(channel, time.monotonic())
-        self._wake.set()
+        channel = session.channel(request.channel)
+        characters, slot = channel.group.characters, channel.slot
+        row = None
+        if request.adverbs is not None:
+            names = [adverb.name for adverb in characters.verb.adverbs]
+            now = dict(zip(names, characters.goals[slot].tolist(), strict=True))
+            row = characters.row({**now, **request.adverbs})
+        characters.set(
+            slot,
+            phase=request.phase,
+            speed=request.speed,
+            playing=request.play,
+            looping=request.loop,
+            half_life_s=request.half_life,
+            following=request.follow,
+        )
+        if row is not None:
+            characters.aim(slot, row)
+        if request.priority is not None:
+            channel.request = channel.request.model_copy(update={"priority": request.priority})
+        if request.fps is not None and request.fps != channel.fps:
+            self.ticks.drop(session, channel.fps)
+            channel.fps = request.fps
+            self.ticks.add(session, channel.fps, time.monotonic())
 
-    def set_adverbs(self, session: Session, number: int, row: Sequence[float]) -> None:
-        """Set the goal of a character. A running tick uses either the old or the new adverbs."""
-        channel = self._channel(session, number)
-        characters = channel.group.characters
-        if len(row) != len(characters.verb.adverbs) or not all(-MAX_ADVERB <= value <= MAX_ADVERB for value in row):
-            characters.row(np.array(row, np.float64))  # raises with the reason
-        characters.goals[channel.slot] = row
-
-    async def switch(self, session: Session, request: Switch) -> None:
+    def _switch(self, session: Session, request: Switch) -> None:
         """Switch a character to another verb."""
-        self._channel(session, request.channel)
+        channel = session.channel(request.channel)
         entry = self._catalog().entry(request.verb)
         group = self._group(entry, request.method)
-        async with self._ticker_of[session].lock:
-            channel = self._channel(session, request.channel)
-            layout = layout_of(entry, channel.request)
-            slot = group.characters.go_on(
-                *(channel.group.characters, channel.slot, request.adverbs),
-                phase=request.phase,
-                transition_s=request.transition_s,
-            )
-            self._move(channel, group, slot)
-            channel.layout = layout
-            session.send_text(opened(channel))
+        layout = layout_of(entry, channel.request)
+        slot = group.characters.go_on(
+            *(channel.group.characters, channel.slot, request.adverbs),
+            phase=request.phase,
+            transition_s=request.transition_s,
+        )
+        self._move(channel, group, slot, layout)
+        self._send(session, opened(channel))
 
-    async def close(self, session: Session, number: int) -> None:
-        """End a character."""
-        self._channel(session, number)
-        async with self._ticker_of[session].lock:
-            self._close(session, number)
+    def _close(self, session: Session, number: int) -> None:
+        channel = session.channels.pop(number)
+        self.ticks.drop(session, channel.fps)
+        channel.group.characters.remove(channel.slot)
 
     # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
 
-    def set_catalog(self, catalog: Catalog) -> None:
-        """Continue characters, from the next tick on, with the versions of a new catalog."""
-        self._next_catalog = catalog
-        self._wake.set()
+    def _renew_all(self, catalog: Catalog) -> None:
+        channels = [channel for session in self.sessions.values() for channel in session.channels.values()]
+        self._renewing = deque((channel, catalog) for channel in channels)
+        self._renew_some()
 
-    async def _renew_all(self, catalog: Catalog) -> None:
-        for ticker in self._tickers:
-            async with ticker.lock:
-                for some in list(ticker.channels.values()):
-                    for channel in some:
-                        self._renew(channel, catalog)
-        used = {channel.group.key for session in self.sessions.values() for channel in session.channels.values()}
-        self._groups = {key: group for key, group in self._groups.items() if key in used}
+    def _renew_some(self) -> None:
+        """Move channels to new versions for :data:`RENEW_S`."""
+        end_s = time.monotonic() + RENEW_S
+        while self._renewing and time.monotonic() < end_s:
+            channel, catalog = self._renewing.popleft()
+            if channel.session.channels.get(channel.number) is channel:
+                self._renew(channel, catalog)
+        if not self._renewing:
+            used = {channel.group.key for session in self.sessions.values() for channel in session.channels.values()}
+            self._groups = {key: group for key, group in self._groups.items() if key in used}
 
     def _renew(self, channel: Channel, catalog: Catalog) -> None:
         was = channel.group
@@ -298,44 +400,25 @@ class Hub:
                 raise VerbError(f"its adverbs are {', '.join(_names(entry))}")
             slot = group.characters.go_on(was.characters, channel.slot, transition_s=VERSION_S, same=True)
         except VerbError as err:
-            channel.session.send_text(
-                {
-                    "op": "error",
-                    "channel": channel.number,
-                    "code": "bad_request",
-                    "detail": f"version {entry.version} of '{entry.verb.name}' cannot continue this channel: {err}",
-                }
+            detail = f"version {entry.version} of '{entry.verb.name}' cannot continue this channel: {err}"
+            self._send(
+                channel.session,
+                {"op": "error", "channel": channel.number, "code": "bad_request", "detail": detail},
             )
             return
-        self._move(channel, group, slot)
-        channel.layout = layout
         channel.flags |= NEW_VERSION
-        channel.session.send_text(
-            {
-                "op": "version",
-                "channel": channel.number,
-                "version": entry.version,
-                "record_bytes": 4 * layout.words,
-            }
+        self._move(channel, group, slot, layout)
+        self._send(
+            channel.session,
+            {"op": "version", "channel": channel.number, "version": entry.version, "record_bytes": 4 * layout.words},
         )
 
     # ── parts ────────────────────────────────────────────────────────────────────────────────────────────────────
 
-    def _move(self, channel: Channel, group: Group, slot: int) -> None:
+    def _move(self, channel: Channel, group: Group, slot: int, layout: Any) -> None:
         channel.group.characters.remove(channel.slot)
-        channel.group, channel.slot = group, slot
-        self._ticker_of[channel.session].changed()
-
-    def _close(self, session: Session, number: int) -> None:
-        channel = session.channels.pop(number)
-        self._ticker_of[session].drop(channel)
-        channel.group.characters.remove(channel.slot)
-
-    def _channel(self, session: Session, number: int) -> Channel:
-        found = session.channels.get(number)
-        if found is None:
-            raise UnknownChannel(f"channel {number} is not open")
-        return found
+        channel.group, channel.slot, channel.layout = group, slot, layout
+        self.ticks.changed(channel.session)
 
     def _group(self, entry: Entry, method: str | None) -> Group:
         entry.check(method=method)
@@ -346,26 +429,6 @@ class Hub:
             found = self._groups[whole] = Group(entry, name)
         return found
 
-    def _least_loaded(self) -> Ticker:
-        """The first ticker with room, else the one with the fewest characters."""
-        for ticker in self._tickers:
-            if ticker.load < CROWDED:
-                return ticker
-        return min(self._tickers, key=lambda ticker: ticker.load)
-
-    async def _sweep(self, now_s: float) -> None:
-        """Close sessions whose grace time has passed."""
-        over = now_s - self.settings.stream_grace_s
-        for session in [one for one in self.sessions.values() if one.lost_at is not None and one.lost_at < over]:
-            await self.forget(session)
-        self.metrics.set_streams(sum(one.connected for one in self.sessions.values()), self.characters)
-        self._sampler.sample(self._groups.values())
-
 
 def _names(entry: Entry) -> list[str]:
     return [adverb.name for adverb in entry.verb.adverbs]
-
-
-def _spread(k: int) -> int:
-    """Reverse the bits of k, so that the ticks of the first few tickers lie far apart."""
-    return int(f"{k:03b}"[::-1], 2)

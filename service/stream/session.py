@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import secrets
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from service.stream.connection import TOO_SLOW, Connection, text
-from service.stream.group import Group
-from service.stream.messages import Open
-from service.wire import HEADER, OP_POSES, WIRE, Layout
+import numpy as np
 
-__all__ = ["MAX_PENDING", "TAKEN_OVER", "Channel", "Session"]
+from service.errors import ServiceError, UnknownChannel
+from service.stream import kernels
+from service.stream.connection import TOO_SLOW, Connection, DirectConnection, text
+from service.stream.group import Group
+from service.stream.interest import Interest
+from service.stream.kernels import CLOSED, U16, Lines
+from service.stream.messages import Open
+from service.wire import Layout
+from verbs.conventions import F32, I64
+from verbs.errors import VerbError
+
+__all__ = ["MAX_PENDING", "TAKEN_OVER", "Channel", "LineTable", "Session"]
 
 TAKEN_OVER = 4009
 """Close code of a connection whose session another connection resumed."""
@@ -19,65 +29,32 @@ TAKEN_OVER = 4009
 MAX_PENDING = 256
 """Pending text messages of a slow client, plus one for each channel, beyond which its connection is closed."""
 
+MAX_ADVERB = 1e9
+"""Largest magnitude of an adverb."""
 
-class Session:
-    """State of a client that outlives its connection.
 
-    Parameters
-    ----------
-    slow_s : float
-        Longest time for which a client may read nothing.
-    """
+class LineTable:
+    """Columns of all sessions, see :class:`service.stream.kernels.Lines`; a session has one row."""
 
-    def __init__(self, *, slow_s: float) -> None:
-        self.id, self._slow_s = secrets.token_urlsafe(16), slow_s
-        self.channels: dict[int, Channel] = {}
-        self.connection: Connection | None = None
-        self.lost_at: float | None = None
-        self.sequence = self.dropped = 0
-        self._unread_since_ns: int | None = None
+    def __init__(self) -> None:
+        self.lines = Lines(*(np.zeros(16, np.int64) for _ in Lines._fields))
+        self._free = list(range(15, -1, -1))
 
-    @property
-    def connected(self) -> bool:
-        """Whether the session has a connection."""
-        return self.connection is not None
+    def take(self) -> int:
+        """A row of zeros."""
+        if not self._free:
+            had = len(self.lines.mode)
+            self.lines = Lines(*(np.concatenate([column, np.zeros_like(column)]) for column in self.lines))
+            self._free = list(range(2 * had - 1, had - 1, -1))
+        row = self._free.pop()
+        for column in self.lines:
+            column[row] = 0
+        return row
 
-    def attach(self, connection: Connection) -> None:
-        """Use a connection, and close the one before."""
-        if self.connection is not None:
-            self.connection.end(TAKEN_OVER, "another connection resumed this session")
-        self.connection, self.lost_at, self._unread_since_ns = connection, None, None
-
-    def detach(self, now_s: float) -> None:
-        """Continue without a connection."""
-        self.connection, self.lost_at = None, now_s
-
-    def send_text(self, message: dict[str, Any]) -> None:
-        """Send a text message, now or as soon as the client reads."""
-        if self.connection is not None:
-            self.connection.send_text(text(message), MAX_PENDING + len(self.channels))
-
-    def send_poses(self, message: memoryview, records: int, due_ns: int) -> bool:
-        """Write the header and send a pose message, or drop and count it; return whether it was sent."""
-        connection = self.connection
-        if connection is None:
-            self.dropped += 1
-            return False
-        sequence = self.sequence + 1 & 0xFFFFFFFF
-        HEADER.pack_into(message, 0, OP_POSES, WIRE, records, sequence, due_ns, self.dropped & 0xFFFFFFFF)
-        if connection.send_binary(bytes(message)):
-            self.sequence, self._unread_since_ns = sequence, None
-            return True
-        self.dropped += 1
-        if self._unread_since_ns is None:
-            self._unread_since_ns = due_ns
-        elif due_ns - self._unread_since_ns > self._slow_s * 1e9:
-            connection.end(TOO_SLOW, f"the client read nothing for {self._slow_s:g} s")
-        return False
-
-    def count_lost(self, last_seq: int) -> None:
-        """Count messages that were sent over a lost connection and did not arrive."""
-        self.dropped += max(0, self.sequence - last_seq)
+    def give_back(self, row: int) -> None:
+        """Free a row."""
+        self.lines.mode[row] = CLOSED
+        self._free.append(row)
 
 
 @dataclass(slots=True, eq=False)
@@ -112,3 +89,175 @@ class Channel:
     def head(self) -> int:
         """First word of its record, without the encoding and the flags of the frame."""
         return self.number | self.flags << 24
+
+
+class Session:
+    """State of a client that outlives its connection.
+
+    Parameters
+    ----------
+    table : LineTable
+    slow_s : float
+        Longest time for which a client may read nothing.
+
+    Attributes
+    ----------
+    arranged : dict
+        How its messages are laid out, by the rates that are due together; see :mod:`service.stream.plan`.
+    rates : Counter
+        Number of channels of each fps.
+    interest : Interest or None
+        Priorities and budget, where the client has set a budget.
+    """
+
+    def __init__(self, table: LineTable, *, slow_s: float) -> None:
+        self.id, self._slow_s, self._table = secrets.token_urlsafe(16), slow_s, table
+        self.row = table.take()
+        self.channels: dict[int, Channel] = {}
+        self.rates: Counter[int] = Counter()
+        self.connection: Connection | None = None
+        self.lost_at: float | None = None
+        self.interest: Interest | None = None
+        self.arranged: dict[frozenset[int], Any] = {}
+        self._aims: list[tuple[Group, I64, I64]] | None = None
+        self._unread: tuple[int, int] | None = None
+
+    # ── connection ───────────────────────────────────────────────────────────────────────────────────────────────
+
+    @property
+    def connected(self) -> bool:
+        """Whether the session has a connection."""
+        return self.connection is not None
+
+    @property
+    def sequence(self) -> int:
+        """Number of its last pose message."""
+        return int(self._table.lines.sequence[self.row])
+
+    @property
+    def dropped(self) -> int:
+        """Pose messages that were due and not sent, or sent and lost."""
+        return int(self._table.lines.dropped[self.row])
+
+    def attach(self, connection: Connection) -> None:
+        """Use a connection, and close the one before."""
+        if self.connection is not None:
+            self.connection.end(TAKEN_OVER, "another connection resumed this session")
+            self.connection.session = None
+        self.connection, self.lost_at, self._unread = connection, None, None
+        connection.session = self
+        if isinstance(connection, DirectConnection):
+            self._table.lines.socket[self.row] = connection.descriptor
+        self.refresh()
+
+    def detach(self, now_s: float) -> None:
+        """Continue without a connection."""
+        self.connection, self.lost_at = None, now_s
+        self._table.lines.mode[self.row] = CLOSED
+
+    def end(self) -> None:
+        """Free its row; it is not used any more."""
+        self.connection = None
+        self._table.give_back(self.row)
+
+    def refresh(self) -> bool:
+        """Note whether pose messages can be sent now; return whether something waits to be sent."""
+        if self.connection is None:
+            return False
+        self._table.lines.mode[self.row] = self.connection.mode
+        return bool(self.connection.pending)
+
+    def send_text(self, message: dict[str, Any]) -> None:
+        """Send a text message, now or as soon as the client reads."""
+        if self.connection is not None:
+            self.connection.send_text(text(message), MAX_PENDING + len(self.channels))
+            self.refresh()
+
+    def send_error(self, channel: int | None, code: str, detail: str) -> None:
+        """Send an error message."""
+        self.send_text({"op": "error", "channel": channel, "code": code, "detail": detail})
+
+    def was_dropped(self, due_ns: int) -> None:
+        """Note that a message could not be sent; closes the connection of a client that does not read."""
+        if self._unread is None or self._unread[0] != self.sequence:
+            self._unread = self.sequence, due_ns
+        elif self.connection is not None and due_ns - self._unread[1] > self._slow_s * 1e9:
+            self.connection.end(TOO_SLOW, f"the client read nothing for {self._slow_s:g} s")
+
+    def count_dropped(self, messages: int) -> None:
+        """Count messages that were due and not sent, or sent over a lost connection and not received."""
+        self._table.lines.dropped[self.row] += messages
+
+    # ── channels ─────────────────────────────────────────────────────────────────────────────────────────────────
+
+    def channel(self, number: int) -> Channel:
+        """A channel; raises :class:`UnknownChannel`."""
+        found = self.channels.get(number)
+        if found is None:
+            raise UnknownChannel(f"channel {number} is not open")
+        return found
+
+    def changed(self) -> None:
+        """Discard what was derived from the channels."""
+        self.arranged.clear()
+        self._aims = None
+
+    def aim(
+        self, channels: U16, values: F32, *, whole: bool, report: Callable[[int, ServiceError | VerbError], None]
+    ) -> None:
+        """Set the goals of characters.
+
+        Parameters
+        ----------
+        channels : (rows,) uint16
+        values : (rows · D,) float32
+        whole : bool
+            Whether one wrong row rejects all of them; otherwise it is left out.
+        report : callable
+            Called with the channel and the error of each wrong row, or of the first one of a message.
+        """
+        width, start = len(values) // len(channels), 0
+        while start < len(channels):
+            wrong = self._aim(channels[start:], values[start * width :], width, whole=whole)
+            if wrong < 0:
+                return
+            start += wrong
+            number = int(channels[start])
+            try:
+                self.channel(number).group.check(values[start * width : (start + 1) * width])
+            except (ServiceError, VerbError) as err:
+                report(number, err)
+            if whole:
+                return
+            start += 1
+
+    def _aim(self, channels: U16, values: F32, width: int, *, whole: bool) -> int:
+        """Set goals up to the first wrong row, or none if there is one in a ``whole`` message; that row, or -1."""
+        groups = self._by_group()
+        if len(groups) == 1 and groups[0][0].characters.goals.shape[1] == width:
+            group, numbers, slots = groups[0]
+            return int(kernels.aim(numbers, slots, channels, values, MAX_ADVERB, whole, group.characters.goals))
+        rows = values.reshape(-1, width)
+        fine = np.all(np.abs(rows) <= MAX_ADVERB, axis=1).tolist()
+        found: list[tuple[Channel, F32]] = []
+        wrong = -1
+        for row, number in enumerate(channels.tolist()):
+            channel = self.channels.get(number)
+            if channel is None or not fine[row] or channel.group.characters.goals.shape[1] != width:
+                wrong = row
+                break
+            found.append((channel, rows[row]))
+        if wrong < 0 or not whole:
+            for channel, goal in found:
+                channel.group.characters.goals[channel.slot] = goal
+        return wrong
+
+    def _by_group(self) -> list[tuple[Group, I64, I64]]:
+        """Groups of the session, with channel numbers, rising, and slots."""
+        if self._aims is None:
+            by_group: dict[Group, list[tuple[int, int]]] = {}
+            for number in sorted(self.channels):
+                channel = self.channels[number]
+                by_group.setdefault(channel.group, []).append((number, channel.slot))
+            self._aims = [(group, *np.array(rows, np.int64).T.copy()) for group, rows in by_group.items()]
+        return self._aims

@@ -1,8 +1,9 @@
-"""uvicorn WebSocket protocol with small write buffers and a fast path for binary messages.
+"""uvicorn WebSocket protocol with a fast path for incoming adverbs, whose socket the engine's thread may write.
 
-ASGI's ``send`` and ``receive`` cost a coroutine, a dictionary, a queue and several copies for each message. Pose
-messages and binary adverbs bypass them when no other message is pending. The endpoint finds the protocol at
-``scope["extensions"][TRANSPORT]``; under another server it is missing, and ``send`` and ``receive`` are used.
+ASGI's ``receive`` costs a coroutine, a dictionary, a queue and several copies for each message, and the library's
+parser more than that. Messages of adverbs at the front of a read are decoded by one compiled call instead, while no
+earlier message waits. The endpoint finds the protocol at ``scope["extensions"][TRANSPORT]``; under another server it is
+missing, and ``send`` and ``receive`` are used.
 
 This is the only file that touches private parts of uvicorn and websockets; ``tests/service/stream/test_transport.py``
 fails when they change.
@@ -11,26 +12,42 @@ fails when they change.
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
-import struct
+import sys
 from collections.abc import Callable
+from typing import Any, Protocol
 
+import numpy as np
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.frames import CloseCode, Frame
+from websockets.frames import CloseCode
 from websockets.http11 import Request
-from websockets.protocol import State
 
-__all__ = ["TRANSPORT", "StreamProtocol"]
+from service.stream import kernels
+from service.stream.kernels import INCOMPLETE, MAX_FRAME, MORE, U16
+from service.wire import OP_MANY
+from verbs.conventions import F32
+
+__all__ = ["TRANSPORT", "StreamProtocol", "Writer"]
 
 TRANSPORT = "adverb.transport"
 
 UNSENT_BYTES = 16_384
-"""Unsent bytes beyond which pose messages are dropped, so that a slow client receives fresh poses."""
+"""Unsent bytes that uvicorn and the kernel keep of one connection."""
 
-MAX_DIRECT = 32
-"""Messages of one read that are handled immediately; further ones go through the event loop."""
+_CHANNELS, _VALUES = np.empty(MAX_FRAME // 8, np.uint16), np.empty(MAX_FRAME // 4, np.float32)
+_RESULT = np.empty(5, np.int64)
+"""Results of the last scan; the event loop's thread alone uses them."""
 
-_BINARY = 0x82  # final frame of a binary message
+
+class Writer(Protocol):
+    """What writes a socket in place of its transport; called in the event loop's thread."""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes of whole frames."""
+
+    def close(self) -> None:
+        """Close the connection after what was written."""
 
 
 class StreamProtocol(WebSocketsSansIOProtocol):
@@ -38,17 +55,22 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     Attributes
     ----------
-    on_binary : callable, optional
-        Called with a binary message on arrival; returns False if the message has to be queued.
+    on_adverbs : callable, optional
+        Called with channels (rows,), adverbs (rows · D,), and whether they came in one message.
+    idle : callable
+        Whether adverbs may be handled on arrival, since no earlier message waits.
     """
 
-    on_binary: Callable[[bytes], bool] | None = None
-    _handled = _buffer = 0
+    on_adverbs: Callable[[U16, F32, bool], None] | None = None
+    idle: Callable[[], bool] = staticmethod(lambda: False)
+    _requested = _fragmented = False
+    _held = b""
+    _left = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Limit the write buffer to :data:`UNSENT_BYTES`, and the kernel's to twice as much."""
+        """Limit the write buffers to :data:`UNSENT_BYTES`."""
         super().connection_made(transport)
-        self._set_buffer(UNSENT_BYTES)
+        transport.set_write_buffer_limits(high=UNSENT_BYTES)
 
     def handle_connect(self, event: Request) -> None:
         """Add the protocol to the scope."""
@@ -56,36 +78,105 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         if self.response.status_code == 101:
             self.scope["extensions"][TRANSPORT] = self  # type: ignore[assignment]
 
-    def send_binary(self, message: bytes) -> bool:
-        """Write a binary message if the buffer has room; return whether it was written.
+    # ── writing ──────────────────────────────────────────────────────────────────────────────────────────────────
 
-        Raises
-        ------
-        ConnectionError
-            The connection is closed.
+    def duplicate(self) -> socket.socket | None:
+        """Duplicate of the connection's socket, or None where the transport has to write (TLS, Windows).
+
+        Its number stays this connection's until the duplicate is closed, whatever the event loop closes meanwhile.
         """
-        if not self.writable.is_set():
-            return False
-        if self.close_sent or self.disconnected or self.conn.state is not State.OPEN:
-            raise ConnectionError("the connection is closed")
-        size = len(message)
-        if size > self._buffer:
-            self._set_buffer(size)
-        self.transport.write(_head(size) + message)
-        return True
+        found = self.transport.get_extra_info("socket")
+        if sys.platform == "win32" or found is None or self.transport.get_extra_info("ssl_object") is not None:
+            return None
+        copy = socket.socket(fileno=os.dup(found.fileno()))
+        copy.setblocking(False)
+        return copy
+
+    async def hand_over(self, writer: Writer) -> None:
+        """Let a writer send everything from now on, once the transport has sent what it has."""
+        pause = 0.0
+        while self.transport.get_write_buffer_size() and not self.transport.is_closing():
+            await asyncio.sleep(pause)
+            pause = min(pause + 0.001, 0.1)
+        self.transport = _WrittenElsewhere(self.transport, writer)  # type: ignore[assignment]
+
+    def close_transport(self) -> None:
+        """Close the transport itself; its writer has finished."""
+        if isinstance(self.transport, _WrittenElsewhere):
+            self.transport = self.transport.inner
+        self.transport.close()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Let the writer close its socket."""
+        super().connection_lost(exc)
+        if isinstance(self.transport, _WrittenElsewhere):
+            self.transport.close()
+
+    # ── reading ──────────────────────────────────────────────────────────────────────────────────────────────────
 
     def data_received(self, data: bytes) -> None:
-        """Parse received bytes."""
-        self._handled = 0
-        super().data_received(data)
+        """Decode adverbs at the front of received bytes, and parse the rest."""
+        if not self._requested:  # the handshake
+            self._requested = True
+            super().data_received(data)
+            return
+        if self._held:
+            data, self._held = self._held + data, b""
+        at = given = 0
+        if self._left:  # of a frame that an earlier read began
+            at = min(self._left, len(data))
+            self._left -= at
+        direct = self.on_adverbs is not None
+        while at < len(data):
+            if direct and not self._fragmented:
+                if given < at:
+                    super().data_received(data[given:at])
+                    given = at
+                direct = self._idle()
+                if direct:
+                    at = given = self._decode(data, at)
+                    if self._held or at == len(data):
+                        return
+            at = self._pass(data, at)
+        if given < len(data) - len(self._held):
+            super().data_received(data[given : len(data) - len(self._held)])
 
-    def handle_bytes(self, event: Frame) -> None:
-        """Handle a binary message immediately if no other message is queued, else queue it."""
-        if event.fin and self.on_binary is not None and self._handled < MAX_DIRECT and self.queue.empty():
-            self._handled += 1
-            if self.on_binary(bytes(event.data)):
-                return
-        super().handle_bytes(event)
+    def _idle(self) -> bool:
+        return self.queue.empty() and not self.close_sent and not self.disconnected and self.idle()
+
+    def _decode(self, data: bytes, at: int) -> int:
+        """Hand on the adverbs at the front of ``data[at:]``; return where the rest begins."""
+        received = np.frombuffer(data, np.uint8)
+        while True:
+            kernels.scan(received, at, _CHANNELS, _VALUES, _RESULT)
+            at, rows, width, op, ended = _RESULT.tolist()
+            if rows:
+                assert self.on_adverbs is not None
+                values = _VALUES[: rows * width].copy()
+                self.on_adverbs(_CHANNELS[:rows].copy(), values, op == OP_MANY)
+            if ended == INCOMPLETE:
+                self._held = data[at:]
+            if ended != MORE:
+                return int(at)
+
+    def _pass(self, data: bytes, at: int) -> int:
+        """Follow a frame that the library parses; return where the next one begins, or hold an incomplete header."""
+        left = len(data) - at
+        size, head = (data[at + 1] & 0x7F, 2) if left >= 2 else (0, 2)
+        if left >= 2 and size >= 126:
+            wide = 2 if size == 126 else 8
+            head += wide
+            size = int.from_bytes(data[at + 2 : at + head], "big")
+        if left >= 2 and data[at + 1] & 0x80:
+            head += 4
+        if left < head:
+            self._held = data[at:]
+            return len(data)
+        if data[at] & 0x0F <= 2:
+            self._fragmented = not data[at] & 0x80
+        end = at + head + size
+        self._left = max(end - len(data), 0)
+        return min(end, len(data))
 
     def send_receive_event_to_app(self) -> None:
         """Queue a complete message; text that is not UTF-8 closes the connection without a log entry."""
@@ -99,19 +190,27 @@ class StreamProtocol(WebSocketsSansIOProtocol):
                 return
         super().send_receive_event_to_app()
 
-    def _set_buffer(self, size: int) -> None:
-        """Make room for a whole message of this length, since the rest of a partial one waits for the event loop."""
-        self._buffer = size
-        self.transport.set_write_buffer_limits(high=size)
-        if hasattr(socket, "TCP_NOTSENT_LOWAT"):
-            connection = self.transport.get_extra_info("socket")
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, 2 * size)
 
+class _WrittenElsewhere:
+    """A transport whose bytes a writer sends."""
 
-def _head(size: int) -> bytes:
-    """Frame header of a message of this length (RFC 6455, section 5.2)."""
-    if size < 126:
-        return bytes((_BINARY, size))
-    if size < 65_536:
-        return struct.pack("!BBH", _BINARY, 126, size)
-    return struct.pack("!BBQ", _BINARY, 127, size)
+    def __init__(self, inner: asyncio.Transport, writer: Writer) -> None:
+        self.inner, self._writer, self._closed = inner, writer, False
+
+    def write(self, data: bytes) -> None:
+        """Send bytes after what the writer has."""
+        if data and not self._closed:
+            self._writer.write(bytes(data))
+
+    def close(self) -> None:
+        """Close the connection after what was written."""
+        if not self._closed:
+            self._closed = True
+            self._writer.close()
+
+    def is_closing(self) -> bool:
+        """Whether it is closing or closed."""
+        return self._closed or self.inner.is_closing()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)

@@ -18,6 +18,7 @@ from service.app import create_app
 from service.run.server import Server as Uvicorn
 from service.run.server import config_of
 from service.settings import Settings
+from service.stream import kernels
 from tests.warm import Sandboxes, Workers
 
 HEADER = struct.Struct("<BBHIQI")
@@ -37,6 +38,7 @@ class Server:
         async def loaded():
             self.loop = asyncio.get_running_loop()
             wire.warm()
+            kernels.warm()
             self.state.set_catalog(catalog)
 
         self.state.run = loaded

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import struct
+import time
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -30,6 +31,7 @@ class Wire:
 
     def __init__(self, app, loop):
         self.loop, self.inbox, self.sent = loop, asyncio.Queue(), []
+        self.engine = app.state.server.hub.engine
         scope = {
             **{
                 "type": "websocket",
@@ -54,6 +56,7 @@ class Wire:
         async def turns():
             for _ in range(8):
                 await asyncio.sleep(0)
+                self.engine.handle(1.0)
 
         self.loop.run_until_complete(turns())
 
@@ -156,9 +159,12 @@ class Streams(RuleBasedStateMachine):
     @rule(seconds=st.sampled_from([0.0, 0.02, 1.0, 100.0]))
     def time_passes(self, seconds):
         hub = self.state.hub
-        for ticker in hub._tickers:
-            ticker.origin_s -= seconds
-        self.loop.run_until_complete(hub._tick())
+        hub.ticks.origin_s -= seconds
+        hub.idle(time.monotonic())
+        start_s = hub.start_s()
+        if start_s is not None and start_s <= time.monotonic():
+            hub.send(hub.prepare())
+        self.wire.run()
 
     @rule(code=st.sampled_from([1006, 1011]))
     def vanishes_and_resumes(self, code):
@@ -187,7 +193,7 @@ class Streams(RuleBasedStateMachine):
         hub = self.state.hub
         assert not hub.sessions
         assert hub.characters == 0
-        assert all(ticker.sessions == 0 for ticker in hub._tickers)
+        assert hub.connections == 0
         self.loop.close()
 
 

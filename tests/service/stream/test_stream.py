@@ -31,6 +31,11 @@ def angle(one, other):
     return float((4 * np.arcsin(chord / 2)).max())
 
 
+def passed(client):
+    """Names of the keytimes of all events."""
+    return [item["name"] for text in client.texts if text["op"] == "events" for item in text["items"]]
+
+
 async def ask(server, verb, **body):
     async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{server.port}") as client:
         answer = await client.post(f"/v1/verbs/{verb}/pose", json=body)
@@ -78,7 +83,7 @@ async def test_everything_the_server_says_fits_the_published_schema(server):
         await client.until("error")
         for text in client.texts:
             messages.SERVER.validate_json(json.dumps(text))
-        assert {text["op"] for text in client.texts} == {"hello", "opened", "event", "end", "pong", "error"}
+        assert {text["op"] for text in client.texts} == {"hello", "opened", "events", "end", "pong", "error"}
 
 
 @pytest.mark.parametrize("fps", [120, 60, 25, 7])
@@ -123,8 +128,8 @@ async def test_keytimes_pass_and_a_motion_ends_once(server):
         await client.open(1, "reach", adverbs=REACH, speed=8, fps=120)
         await client.until("end")
         await client.for_seconds(0.1)
-    reply = [(text["op"], text.get("name")) for text in client.texts if text["op"] in ("event", "end")]
-    assert reply == [("event", "start"), ("event", "apex"), ("event", "end"), ("end", None)]
+    assert passed(client) == ["start", "apex", "end"]
+    assert client.texts[-1] == {"op": "end", "channel": 1}
     flagged = [frame for frame in client.frames if frame.of(1).flags & LAST]
     assert len(flagged) == 1
     assert flagged[0].of(1).phase == 1.0
@@ -135,8 +140,7 @@ async def test_played_backwards_it_ends_at_the_start(server):
     async with open_stream(server) as client:
         await client.open(1, "reach", speed=-10, phase=1.0, fps=120)
         await client.until("end")
-        names = [text["name"] for text in client.texts if text["op"] == "event"]
-        assert names == ["end", "apex", "start"]
+        assert passed(client) == ["end", "apex", "start"]
 
 
 async def test_a_loop_goes_on_through_the_world(server):
@@ -177,6 +181,32 @@ async def test_adverbs_are_run_after_smoothly(server):
     assert opened["follow"][0] <= 0.4 <= opened["follow"][1]
     assert angle(frames[-1].of(1).rotations, np.array(expected["rotations"])) < 1.0
     assert frames[-1].of(1).error < 1e-6
+
+
+async def test_many_channels_are_steered_by_one_message_or_none_is(server):
+    rows = {4: (0.5, 0.1), 9: (0.2, 0.3), 2: (0.4, 0.2)}
+    async with open_stream(server) as client:
+        for number in rows:
+            await client.open(number, "arm3", adverbs=ARM, fps=1)
+        await client.open(3, "reach", fps=1)
+        channels = server.hub.sessions[client.hello["session"]].channels
+
+        def goals():
+            return {number: channels[number].group.characters.goals[channels[number].slot].tolist() for number in rows}
+
+        def message(rows):
+            cells = b"".join(struct.pack("<HH2f", number, 0, *row) for number, row in rows.items())
+            return struct.pack("<BBH", 0x11, 0, len(rows)) + cells
+
+        await client.socket.send(message(rows))
+        await client.send("ping", t=1)
+        await client.until("pong")
+        assert goals() == {number: pytest.approx(row) for number, row in rows.items()}
+        before = goals()
+        for wrong in ({3: (0.1, 0.1)}, {8: (0.1, 0.1)}, {9: (0.1, math.nan)}):
+            await client.socket.send(message({4: (0.6, 0.2), **wrong, 2: (0.1, 0.3)}))
+            assert (await client.until("error"))["channel"] in wrong
+        assert goals() == before
 
 
 async def test_half_life_zero_is_at_once(server):
@@ -276,7 +306,12 @@ async def test_a_ping_tells_the_clock(server):
         ('{"op": "ping"}', "bad_message", None),
         ('{"op": "resume", "session": "unknown", "last_seq": 0}', "unknown_session", None),
         (b"", "bad_message", None),
-        (b"\x11\0\1\0" + bytes(8), "bad_message", None),
+        (b"\x12\0\1\0" + bytes(8), "bad_message", None),
+        (b"\x11\0\0\0", "bad_message", None),
+        (b"\x11\0\2\0" + bytes(12), "bad_message", None),
+        (b"\x11\0\1\0" + bytes(12), "unknown_channel", 0),
+        (struct.pack("<BBHHHf", 0x11, 0, 1, 1, 0, 0), "out_of_range", 1),
+        (struct.pack("<BBHHH2fHH2f", 0x11, 0, 2, 1, 0, 0, 0, 1, 0, 0, math.inf), "out_of_range", 1),
         (b"\x10\0\1\0" + bytes(7), "bad_message", None),
         (b"\x10\0\1\0" + bytes(12), "out_of_range", 1),
         (struct.pack("<BBH2f", 0x10, 0, 6, 0, 0), "unknown_channel", 6),

@@ -1,0 +1,246 @@
+"""How the messages of a tick are arranged: places of records in one buffer, and the rows that are stepped together.
+
+The arrangement of one session depends on its own channels only, and is kept until these change. A plan joins those of
+all sessions, as arrays: channels of one group and rate stand together, whichever session they belong to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from service.stream.connection import BINARY, DirectConnection, frame_head
+from service.stream.group import Group
+from service.stream.session import Channel, Session
+from service.wire import HEADER, HEADER_WORDS, OP_POSES, U8, U32, WIRE, Targets
+from verbs.conventions import F64, I64
+
+__all__ = ["Budgeted", "Part", "Plan", "make"]
+
+HEAD_WORDS = 3
+"""Words before each message, of which its WebSocket header takes the last 2, 4 or 10 bytes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Piece:
+    """Channels of one session, one group and one rate; places count from the start of the session's message."""
+
+    channels: list[Channel]
+    slots: I64
+    targets: Targets
+    wanted: I64
+    ranks: I64
+    """Ranks of the channels among all of the message."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Arranged:
+    """The message of one session."""
+
+    pieces: dict[tuple[Group, int], _Piece]
+    words: int
+    numbers: I64
+    sizes: I64
+    """Words of each record."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Characters of one group and one rate, and where their records are written.
+
+    Parameters
+    ----------
+    group : Group
+    fps : int
+    channels : list of Channel
+    slots : (B,) int64
+    targets : Targets
+    wanted : (B,) int64
+        Whether events of a character are reported.
+    """
+
+    group: Group
+    fps: int
+    channels: list[Channel]
+    slots: I64
+    targets: Targets
+    wanted: I64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Budgeted:
+    """A message of which only some records are sent.
+
+    Parameters
+    ----------
+    index : int
+        Number of the message.
+    session : Session
+    numbers : (R,) int64
+    sizes : (R,) int64
+        Words of each record.
+    pieces : list of (part, row, ranks)
+        Where the records stand: a part, the first row of the session in it, and the ranks of its records.
+    """
+
+    index: int
+    session: Session
+    numbers: I64
+    sizes: I64
+    pieces: list[tuple[Part, int, I64]]
+
+    def priorities(self) -> F64:
+        """Priorities (R,) of the channels."""
+        found = np.empty(len(self.numbers))
+        for part, row, ranks in self.pieces:
+            found[ranks] = [channel.request.priority for channel in part.channels[row : row + len(ranks)]]
+        return found
+
+    def places(self) -> F64:
+        """Positions (R, 3) of the characters."""
+        found = np.zeros((len(self.numbers), 3))
+        for part, row, ranks in self.pieces:
+            state = part.group.characters.state[part.slots[row : row + len(ranks)]]
+            found[ranks, 0], found[ranks, 2] = state["x"], state["z"]
+        return found
+
+
+@dataclass(slots=True, eq=False)
+class Plan:
+    """All messages of one tick.
+
+    Parameters
+    ----------
+    parts : list of Part
+    sessions : list of Session
+        Of each message.
+    starts, heads, sizes, rows : (M,) int64
+        See :func:`service.stream.kernels.send_messages`.
+    words : (W,) uint32
+    budgeted : list of Budgeted
+    cost_s : float
+        Time that the last ticks took to prepare, seconds.
+    """
+
+    parts: list[Part]
+    sessions: list[Session]
+    starts: I64
+    heads: I64
+    sizes: I64
+    rows: I64
+    words: U32
+    budgeted: list[Budgeted] = field(default_factory=list)
+    cost_s: float = 0.0
+
+    @property
+    def data(self) -> U8:
+        """The buffer as bytes."""
+        return self.words.view(np.uint8)
+
+    def set_message(self, index: int, records: int, size: int) -> None:
+        """Write the parts of a message's headers that do not change from tick to tick; size 0: nothing is due."""
+        head = frame_head(BINARY, size)
+        start = 4 * int(self.starts[index])
+        self.heads[index], self.sizes[index] = len(head), size
+        if size:
+            self.data[start - len(head) : start] = np.frombuffer(head, np.uint8)
+            HEADER.pack_into(self.data.data, start, OP_POSES, WIRE, records, 0, 0, 0)
+
+
+def make(sessions: Iterable[Session], rates: frozenset[int]) -> Plan:
+    """Arrange the messages of the sessions' channels whose rates are due."""
+    chosen = [session for session in sessions if not rates.isdisjoint(session.rates)]
+    arranged = [_arranged(session, rates) for session in chosen]
+    lengths = np.array([HEAD_WORDS + one.words for one in arranged], np.int64)
+    starts = np.cumsum(lengths) - lengths + HEAD_WORDS
+    count = len(chosen)
+    plan = Plan(
+        [], chosen, starts, np.zeros(count, np.int64), np.zeros(count, np.int64),
+        np.array([session.row for session in chosen], np.int64), np.zeros(int(lengths.sum()), np.uint32),
+    )  # fmt: skip
+    largest = 0
+    for index, one in enumerate(arranged):
+        plan.set_message(index, len(one.numbers), 4 * one.words)
+        connection = chosen[index].connection
+        if isinstance(connection, DirectConnection):
+            connection.fit(4 * one.words)
+        largest = max(largest, one.words)
+    by_key: dict[tuple[Group, int], list[int]] = {}
+    for index, one in enumerate(arranged):
+        for key in one.pieces:
+            by_key.setdefault(key, []).append(index)
+    budgeted = {
+        index: Budgeted(index, session, one.numbers, one.sizes, [])
+        for index, (session, one) in enumerate(zip(chosen, arranged, strict=True))
+        if session.interest is not None and session.connected
+    }
+    for key, indices in by_key.items():
+        pieces = [arranged[index].pieces[key] for index in indices]
+        bases = [int(starts[index]) if chosen[index].connected else -1 for index in indices]
+        part = _part(key, pieces, bases)
+        plan.parts.append(part)
+        row = 0
+        for index, piece in zip(indices, pieces, strict=True):
+            if index in budgeted:
+                budgeted[index].pieces.append((part, row, piece.ranks))
+            row += len(piece.slots)
+    plan.budgeted = list(budgeted.values())
+    return plan
+
+
+def _part(key: tuple[Group, int], pieces: list[_Piece], bases: list[int]) -> Part:
+    """Join pieces whose messages start at these words; -1: their records are not written."""
+    group, fps = key
+    counts = [len(piece.slots) for piece in pieces]
+    at = np.concatenate([piece.targets.at + base if base >= 0 else np.full(count, -1) for piece, base, count
+                         in zip(pieces, bases, counts, strict=True)])  # fmt: skip
+    joined = Targets.joined([piece.targets for piece in pieces])._replace(at=at.astype(np.int64))
+    return Part(
+        group,
+        fps,
+        [channel for piece in pieces for channel in piece.channels],
+        np.concatenate([piece.slots for piece in pieces]),
+        joined,
+        np.concatenate([piece.wanted for piece in pieces]),
+    )
+
+
+def _arranged(session: Session, rates: frozenset[int]) -> _Arranged:
+    """Arrangement of a session's message, kept until its channels change."""
+    found: _Arranged | None = session.arranged.get(rates)
+    if found is None:
+        found = session.arranged[rates] = _arrange(session, rates)
+    return found
+
+
+def _arrange(session: Session, rates: frozenset[int]) -> _Arranged:
+    channels = [session.channels[number] for number in sorted(session.channels)]
+    channels = [channel for channel in channels if channel.fps in rates]
+    by_key: dict[tuple[Group, int], list[tuple[Channel, int, int]]] = {}
+    word = HEADER_WORDS
+    for rank, channel in enumerate(channels):
+        by_key.setdefault((channel.group, channel.fps), []).append((channel, word, rank))
+        word += channel.layout.words
+    return _Arranged(
+        {key: _piece(rows) for key, rows in by_key.items()},
+        word,
+        np.array([channel.number for channel in channels], np.int64),
+        np.array([channel.layout.words for channel in channels], np.int64),
+    )
+
+
+def _piece(rows: list[tuple[Channel, int, int]]) -> _Piece:
+    channels = [channel for channel, _, _ in rows]
+    return _Piece(
+        channels,
+        np.array([channel.slot for channel in channels], np.int64),
+        Targets.of(
+            [channel.layout for channel in channels],
+            [at for _, at, _ in rows],
+            [channel.head() for channel in channels],
+        ),
+        np.array([channel.request.events for channel in channels], np.int64),
+        np.array([rank for _, _, rank in rows], np.int64),
+    )

@@ -15,6 +15,7 @@ from adverb_client.clock import Clock, Lateness
 from adverb_client.errors import AdverbError, DecodeError, ResponseError, StreamClosed, TimedOut, TransportError
 from adverb_client.jitter import Delays, JitterBuffer, Sample
 from adverb_client.messages import (
+    BudgetReport,
     ChannelOpened,
     CommandRejected,
     ConnectionLost,
@@ -44,13 +45,14 @@ from adverb_client.session import Stats
 from adverb_client.skeleton import Skeleton
 from adverb_client.stream import Stream
 from adverb_client.sync_stream import SyncStream
-from adverb_client.wire import Layout, PoseMessage, Record, decode_message, encode_adverbs
+from adverb_client.wire import Layout, PoseMessage, Record, decode_message, encode_adverbs, encode_bulk_adverbs
 
 __all__ = [
     "Adverb",
     "AdverbError",
     "AsyncClient",
     "Backoff",
+    "BudgetReport",
     "Channel",
     "ChannelOpened",
     "Client",
@@ -94,5 +96,6 @@ __all__ = [
     "VersionChanged",
     "decode_message",
     "encode_adverbs",
+    "encode_bulk_adverbs",
     "errors",
 ]

@@ -23,7 +23,7 @@ Post = Callable[[tuple[str, int], Mapping[str, Any] | bytes], None]
 """Queues a message. A newer message with the same key replaces one that is not sent yet."""
 
 
-_SETTINGS = ("adverbs", "speed", "play", "loop", "fps", "half_life", "follow")
+_SETTINGS = ("adverbs", "speed", "play", "loop", "fps", "half_life", "follow", "priority")
 
 
 class Channel:
@@ -50,6 +50,7 @@ class Channel:
         buffer: JitterBuffer,
         post: Post,
         now: Callable[[], float],
+        bulk_goal: Callable[[int], list[float] | None],
     ) -> None:
         self.number = number
         self.opened: ChannelOpened | None = None
@@ -61,7 +62,7 @@ class Channel:
         self.pending_phase: float | None = None  # a phase that was set; the server may not have it
         self._deferred_aim: list[float] | None = None  # goal set during a switch
         self._deferred: dict[str, float] = {}  # adverbs set during a switch
-        self._post, self._now = post, now
+        self._post, self._now, self._take_bulk_goal = post, now, bulk_goal
 
     @property
     def verb(self) -> str:
@@ -135,6 +136,7 @@ class Channel:
         names = [adverb.name for adverb in self.opened.adverbs]
         if len(numbers) != len(names):
             raise ValueError(f"{len(numbers)} adverbs given; {self.verb!r} has {len(names)}: {', '.join(names)}")
+        self._take_bulk_goal(self.number)  # this one is newer
         self.desired["adverbs"], self.has_all_adverbs = dict(zip(names, numbers, strict=True)), True
         self._post(("aim", self.number), content)
 
@@ -149,6 +151,7 @@ class Channel:
         fps: int | None = None,
         half_life: float | None = None,
         follow: bool | None = None,
+        priority: float | None = None,
     ) -> None:
         """Change the given settings; see :class:`OpenOptions`. ``adverbs`` may name some; ``phase`` seeks at once.
 
@@ -158,8 +161,9 @@ class Channel:
             If a value is out of range or not finite.
         """
         given = {"adverbs": adverbs, "speed": speed, "phase": phase, "play": play, "loop": loop, "fps": fps}
-        changed = checked({**given, "half_life": half_life, "follow": follow})
+        changed = checked({**given, "half_life": half_life, "follow": follow, "priority": priority})
         if "adverbs" in changed:
+            self._apply_bulk_goal()
             known = self._deferred if self.switch is not None else self.desired.setdefault("adverbs", {})
             known.update(changed["adverbs"])
         self.desired |= {name: value for name, value in changed.items() if name != "adverbs"}
@@ -183,10 +187,18 @@ class Channel:
             if len(aimed) == len(opened.adverbs):
                 self.aim(aimed)
 
+    def _apply_bulk_goal(self) -> None:
+        """Make the goal that was set together with other channels the goal of this channel."""
+        goal = self._take_bulk_goal(self.number)
+        if goal is not None and self.opened is not None:
+            names = [adverb.name for adverb in self.opened.adverbs]
+            self.desired["adverbs"], self.has_all_adverbs = dict(zip(names, goal, strict=True)), True
+
     def commit_switch(self) -> None:
         """Make the verb, adverbs and method of the pending switch those of the channel."""
         if self.switch is None:
             return
+        self._take_bulk_goal(self.number)  # of the verb before
         for name in ("adverbs", "method"):
             self.desired.pop(name, None)
         self.desired |= {name: self.switch[name] for name in ("verb", "adverbs", "method") if name in self.switch}
@@ -202,6 +214,7 @@ class Channel:
 
     def open_message(self) -> dict[str, Any]:
         """The message that opens the channel with its current settings at its last known phase."""
+        self._apply_bulk_goal()
         last = self.buffer.last
         start = {} if last is None else {"phase": min(max(last.phase, 0.0), 1.0)}
         if self.pending_phase is not None:
@@ -211,6 +224,7 @@ class Channel:
 
     def set_message(self) -> dict[str, Any] | None:
         """The message that applies all settings to a resumed channel; None where there are none."""
+        self._apply_bulk_goal()
         known = {name: self.desired[name] for name in _SETTINGS if name in self.desired}
         if self.pending_phase is not None:
             known["phase"] = self.pending_phase

@@ -13,6 +13,7 @@ from adverb_client.skeleton import Skeleton
 from adverb_client.wire import Layout
 
 __all__ = [
+    "BudgetReport",
     "ChannelAdverb",
     "ChannelOpened",
     "CommandRejected",
@@ -20,6 +21,7 @@ __all__ = [
     "ConnectionRestored",
     "Hello",
     "KeytimePassed",
+    "KeytimesPassed",
     "MotionEnded",
     "Pong",
     "ServerDraining",
@@ -128,6 +130,38 @@ class KeytimePassed:
 
 
 @dataclass(frozen=True, slots=True)
+class KeytimesPassed:
+    """Keytimes that channels passed in one tick; the stream reports them one by one."""
+
+    items: tuple[KeytimePassed, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetReport:
+    """What the byte budget of :meth:`Stream.view` sent and left out; once a second.
+
+    Parameters
+    ----------
+    seconds : float
+        Length of the interval.
+    kbps, budget_kbps : float
+        Rate of pose messages and its limit, 1000 bit/s.
+    records, left_out : int
+        Records that were sent, and that were due and left out.
+    min_fps, max_fps : float
+        Lowest and highest rate of a channel.
+    """
+
+    seconds: float
+    kbps: float
+    budget_kbps: float
+    records: int
+    left_out: int
+    min_fps: float
+    max_fps: float
+
+
+@dataclass(frozen=True, slots=True)
 class MotionEnded:
     """A channel's motion reached its end and holds there."""
 
@@ -175,13 +209,22 @@ class StreamEnded:
 
 
 ServerMessage = (
-    Hello | Pong | ChannelOpened | VersionChanged | KeytimePassed | MotionEnded | CommandRejected | ServerDraining
+    Hello
+    | Pong
+    | ChannelOpened
+    | VersionChanged
+    | KeytimesPassed
+    | MotionEnded
+    | BudgetReport
+    | CommandRejected
+    | ServerDraining
 )
 StreamEvent = (
     ChannelOpened
     | VersionChanged
     | KeytimePassed
     | MotionEnded
+    | BudgetReport
     | CommandRejected
     | ServerDraining
     | ConnectionLost
@@ -256,6 +299,17 @@ def _version_changed(fields: Json) -> VersionChanged:
     return VersionChanged(int(fields["channel"]), int(fields["version"]), int(fields["record_bytes"]))
 
 
+def _keytimes_passed(fields: Json) -> KeytimesPassed:
+    return KeytimesPassed(tuple(_keytime_passed(row) for row in fields["items"]))
+
+
+def _budget_report(fields: Json) -> BudgetReport:
+    seconds, kbps, budget, low, high = (
+        _finite(fields[name]) for name in ("seconds", "kbps", "budget_kbps", "min_fps", "max_fps")
+    )
+    return BudgetReport(seconds, kbps, budget, int(fields["records"]), int(fields["left_out"]), low, high)
+
+
 def _keytime_passed(fields: Json) -> KeytimePassed:
     return KeytimePassed(int(fields["channel"]), str(fields["name"]), _finite(fields["phase"]))
 
@@ -281,7 +335,8 @@ _PARSERS: dict[str, Callable[[Json], ServerMessage]] = {
     "pong": _pong,
     "opened": _opened,
     "version": _version_changed,
-    "event": _keytime_passed,
+    "events": _keytimes_passed,
+    "stats": _budget_report,
     "end": lambda fields: MotionEnded(int(fields["channel"])),
     "error": _rejected,
     "drain": lambda fields: ServerDraining(str(fields["detail"]), _finite(fields["reconnect_after_s"])),

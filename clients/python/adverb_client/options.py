@@ -12,7 +12,7 @@ from adverb_client.skeleton import Space
 
 __all__ = ["Encoding", "Frame", "OpenOptions", "checked", "finite"]
 
-Encoding = Literal["f32", "q48", "weights"]
+Encoding = Literal["f32", "q48", "q32", "weights"]
 Frame = Literal["gltf", "unity", "unreal", "zup"]
 
 _BOUNDS = {
@@ -21,11 +21,16 @@ _BOUNDS = {
     "speed": (-10, 10),
     "half_life": (0, 10),
     "transition_s": (0, 5),
+    "priority": (0, 1000),
+    "x": (-1e9, 1e9),
+    "y": (-1e9, 1e9),
+    "z": (-1e9, 1e9),
+    "budget_kbps": (1, 10_000_000),
 }
 """Bounds of docs/wire.md."""
 
 _CHOICES = {"encoding": get_args(Encoding), "space": get_args(Space), "frame": get_args(Frame)}
-_FLAGS = ("play", "loop", "follow")
+_FLAGS = ("play", "loop", "follow", "events")
 
 
 class OpenOptions(TypedDict, total=False):
@@ -41,7 +46,8 @@ class OpenOptions(TypedDict, total=False):
     space : str
         ``local`` or ``global``.
     encoding : str
-        ``f32``, ``q48`` (a third of the bytes, within 0.00015 rad) or ``weights`` (the client blends).
+        ``f32``, ``q48`` (two fifths of the bytes, within 0.00015 rad), ``q32`` (a third, within 0.0048 rad) or
+        ``weights`` (the client blends).
     frame : str
         Axes and unit of length: ``gltf``, ``unity``, ``unreal`` or ``zup``.
     joints : sequence of str
@@ -58,13 +64,17 @@ class OpenOptions(TypedDict, total=False):
         Time in which half the distance between the displayed adverbs and the goal is covered, seconds, 0–10.
     follow : bool
         Whether the effector of a held channel stays on the goal.
+    events : bool
+        Whether keytimes are reported.
+    priority : float
+        Weight of the channel where the stream has a byte budget, above 0, up to 1000; see ``Stream.view``.
     """
 
     adverbs: Mapping[str, float]
     fps: int
     method: str
     space: Space
-    encoding: Literal["f32", "q48", "weights"]
+    encoding: Literal["f32", "q48", "q32", "weights"]
     frame: Literal["gltf", "unity", "unreal", "zup"]
     joints: Sequence[str]
     phase: float
@@ -73,6 +83,8 @@ class OpenOptions(TypedDict, total=False):
     loop: bool
     half_life: float
     follow: bool
+    events: bool
+    priority: float
 
 
 def checked(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -81,7 +93,7 @@ def checked(options: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     options : mapping
-        Fields of ``open``, ``set`` or ``switch``.
+        Fields of ``open``, ``set``, ``switch`` or ``view``.
 
     Raises
     ------
@@ -127,6 +139,8 @@ def _number(name: str, value: Any) -> float:
         number = float(value)
     except (TypeError, ValueError):
         number = math.nan
+    if name == "priority" and number == 0.0:
+        raise ValueError("priority 0; expected a positive number")
     if isinstance(value, str | bool) or not low <= number <= high or (whole and number != int(number)):
         raise ValueError(f"{name} {value!r}; expected {expected}")
     return int(number) if whole else number

@@ -16,7 +16,8 @@ class Outbox:
     """Outgoing messages in the order of their last change.
 
     A message replaces an unsent one with the same key; the fields of two ``set`` messages are merged. So the queue
-    holds at most two messages per channel and the requests that have an answer.
+    holds at most two messages per channel, one per set of channels that are steered together, and the requests that
+    have an answer.
 
     Parameters
     ----------
@@ -28,10 +29,10 @@ class Outbox:
         self._loop, self._thread = loop, threading.get_ident()
         self._filled = asyncio.Event()
         self._numbers = itertools.count()
-        self._messages: dict[tuple[str, int], Mapping[str, Any] | bytes] = {}
+        self._messages: dict[tuple[str, int | bytes], Mapping[str, Any] | bytes] = {}
         self._lock = threading.Lock()
 
-    def put(self, key: tuple[str, int] | None, message: Mapping[str, Any] | bytes) -> None:
+    def put(self, key: tuple[str, int | bytes] | None, message: Mapping[str, Any] | bytes) -> None:
         """Add a message; with key None it replaces no other."""
         key = key or ("", next(self._numbers))
         with self._lock:
@@ -58,7 +59,7 @@ class Outbox:
 
 
 def _merged(old: Mapping[str, Any] | bytes | None, new: Mapping[str, Any] | bytes) -> Mapping[str, Any] | bytes:
-    if not isinstance(old, Mapping) or not isinstance(new, Mapping):
+    if not isinstance(old, Mapping) or not isinstance(new, Mapping) or new.get("op") != "set":
         return new
     merged = {**old, **new}
     if "adverbs" in old and "adverbs" in new:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +20,10 @@ __all__ = [
     "IN_TRANSITION",
     "LAST",
     "NEW_VERSION",
+    "Q32",
     "Q48",
     "WEIGHTS",
+    "decode_q32",
     "decode_q48",
     "joint_count",
     "parse_records",
@@ -47,14 +50,14 @@ CLAMPED, IN_TRANSITION, NEW_VERSION, LAST = 1, 2, 4, 8
 ERROR = 2
 """Place of the error in ``floats`` of a record, the only number that may be NaN."""
 
-F32, Q48, WEIGHTS = 0, 1, 2
+F32, Q48, WEIGHTS, Q32 = 0, 1, 2, 3
 """Encodings, as numbered in the header."""
 
-ENCODINGS = {"f32": F32, "q48": Q48, "weights": WEIGHTS}
+ENCODINGS = {"f32": F32, "q48": Q48, "weights": WEIGHTS, "q32": Q32}
 """Encodings by their names in ``open`` and ``opened``."""
 
-_Q48_STEPS = 16_383
-_Q48_SCALE = 1.0 / (_Q48_STEPS * math.sqrt(2.0))
+_Q48_STEPS, _Q32_STEPS = 16_383, 511
+_SHIFTS = np.array([0, 10, 20], np.uint32)
 _ORDER = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [1, 2, 0, 3], [1, 2, 3, 0]])
 """Row k: where x, y, z, w stand among the omitted component and the three stored ones, if component k is omitted."""
 
@@ -68,7 +71,7 @@ def record_dtype(encoding: int, count: int) -> np.dtype[np.void]:
     Parameters
     ----------
     encoding : int
-        One of ``F32``, ``Q48``, ``WEIGHTS``.
+        One of ``F32``, ``Q48``, ``Q32``, ``WEIGHTS``.
     count : int
         Number of joints; for ``WEIGHTS``: of examples.
 
@@ -85,6 +88,9 @@ def record_dtype(encoding: int, count: int) -> np.dtype[np.void]:
     elif encoding == Q48:
         floats = 7
         fields = [("root", "<f4", (3,)), ("words", "<u2", (count, 3)), ("padding", "<u2", (count % 2,))]
+    elif encoding == Q32:
+        floats = 7
+        fields = [("root", "<f4", (3,)), ("words", "<u4", (count,))]
     else:
         floats = 7 + 4 * count
         fields = [("root", "<f4", (3,)), ("rotations", "<f4", (count, 4))]
@@ -148,15 +154,25 @@ def parse_records(content: bytes, joints: int) -> Records:
 
 def decode_q48(words: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
     """Decode q48, "smallest three": words (..., 3) to unit quaternions (..., 4)."""
-    omitted = (words[..., 0] >> 15) + 2 * (words[..., 1] >> 15)
-    parts = np.empty((*words.shape[:-1], 4))  # the omitted component, then the stored ones
+    return _completed(words & 0x7FFF, (words[..., 0] >> 15) + 2 * (words[..., 1] >> 15), _Q48_STEPS)
+
+
+def decode_q32(words: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
+    """Decode q32, "smallest three" in 32 bits: words (...) to unit quaternions (..., 4)."""
+    return _completed((words[..., None] >> _SHIFTS) & 0x3FF, words >> 30, _Q32_STEPS)
+
+
+def _completed(stored_steps: npt.NDArray[Any], omitted: npt.NDArray[Any], steps: int) -> npt.NDArray[np.float32]:
+    """Unit quaternions (..., 4) of three stored components (..., 3) and the index of the omitted one (...)."""
+    parts = np.empty((*omitted.shape, 4))  # the omitted component, then the stored ones
     stored = parts[..., 1:]
-    np.subtract(words & 0x7FFF, float(_Q48_STEPS), out=stored)
-    stored *= _Q48_SCALE
+    np.subtract(stored_steps, float(steps), out=stored)
+    stored *= 1.0 / (steps * math.sqrt(2.0))
     squares = np.einsum("...i,...i->...", stored, stored)
     if (squares > 1.0).any():  # malformed input only
         stored /= np.sqrt(np.maximum(squares, 1.0))[..., None]
         squares = np.minimum(squares, 1.0)
     np.sqrt(1.0 - squares, out=parts[..., 0])
     places = _ORDER[omitted].reshape(-1, 4) + 4 * np.arange(omitted.size)[:, None]
-    return parts.reshape(-1)[places].reshape(parts.shape).astype(np.float32)
+    found: npt.NDArray[np.float32] = parts.reshape(-1)[places].reshape(parts.shape).astype(np.float32)
+    return found

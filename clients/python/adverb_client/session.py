@@ -15,12 +15,13 @@ from adverb_client.channel import Channel
 from adverb_client.clock import Clock, Lateness
 from adverb_client.errors import AdverbError, DecodeError, NotReady, UnknownSession
 from adverb_client.messages import (
+    BudgetReport,
     ChannelOpened,
     CommandRejected,
     ConnectionLost,
     ConnectionRestored,
     Hello,
-    KeytimePassed,
+    KeytimesPassed,
     MotionEnded,
     Pong,
     ServerDraining,
@@ -94,6 +95,7 @@ class Session:
         self.hello: Hello | None = None
         self.live = False
         self.last_age_s = math.nan
+        self.view: Mapping[str, Any] | None = None  # sent on every connection
         self.pending: dict[int, Callable[[AdverbError | None], None]] = {}  # open or switch without an answer
         self._send, self._emit = send, emit
         self._session_id = ""
@@ -144,6 +146,7 @@ class Session:
         self.lateness.clear()
         self.clock.clear()
         self.live = True
+        self._send_view()
         for channel in self.channels.values():
             self._reopen(channel)
         self._restored(now_s, resumed=False)
@@ -158,6 +161,7 @@ class Session:
     def _join(self, now_s: float) -> None:
         """Go live after a resume: apply the current settings of all channels."""
         self.live = True
+        self._send_view()
         for channel in self.channels.values():
             if channel.number not in self._confirmed:
                 self._reopen(channel)
@@ -167,6 +171,10 @@ class Session:
             elif (changes := channel.set_message()) is not None:
                 self._send(changes)
         self._restored(now_s, resumed=True)
+
+    def _send_view(self) -> None:
+        if self.view is not None:
+            self._send(self.view)
 
     def _restored(self, now_s: float, *, resumed: bool) -> None:
         if self._disconnected_at_s is None:
@@ -248,7 +256,10 @@ class Session:
                 self._pong(message, now_s)
             case VersionChanged():
                 self._version_changed(message)
-            case KeytimePassed() | MotionEnded() | ServerDraining():
+            case KeytimesPassed():
+                for passed in message.items:
+                    self._emit(passed)
+            case MotionEnded() | BudgetReport() | ServerDraining():
                 self._emit(message)
             case _:
                 pass  # an op of a newer server, or a second hello

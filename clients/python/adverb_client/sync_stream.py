@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar, Unpack
 
+import numpy as np
+import numpy.typing as npt
+
+from adverb_client.bulk import Rows
 from adverb_client.channel import Channel
 from adverb_client.clock import Clock
 from adverb_client.errors import StreamClosed
@@ -25,8 +29,8 @@ T = TypeVar("T")
 class SyncStream:
     """A stream of poses in a background thread; parameters, methods and errors are those of :class:`Stream`.
 
-    ``channel.set``, ``channel.aim`` and ``channel.pose`` never block; ``connect``, ``open``, ``switch`` and ``ping``
-    wait for the server.
+    ``channel.set``, ``channel.aim``, ``channel.pose``, ``aim_many`` and ``view`` never block; ``connect``, ``open``,
+    ``switch`` and ``ping`` wait for the server.
 
     Parameters
     ----------
@@ -139,6 +143,14 @@ class SyncStream:
     def pose(self, channel: Channel | int, at: float | None = None) -> Sample | None:
         """The pose of a channel; see :meth:`Channel.pose`."""
         return self._inner.pose(channel, at)
+
+    def aim_many(self, channels: Sequence[Channel | int] | npt.NDArray[np.integer[Any]], adverbs: Rows) -> None:
+        """Set the goals of many channels with one message; see :meth:`Stream.aim_many`."""
+        self._inner.aim_many(channels, adverbs)
+
+    def view(self, position: Sequence[float] | None = None, *, budget_kbps: float | None = None) -> None:
+        """Set the viewpoint and the byte budget; see :meth:`Stream.view`."""
+        self._inner.view(position, budget_kbps=budget_kbps)
 
     def take_events(self) -> list[StreamEvent]:
         """Take all queued events, without waiting."""

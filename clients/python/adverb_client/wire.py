@@ -11,10 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adverb_client.errors import DecodeError
-from adverb_client.records import ENCODINGS, ERROR, HEADER, Q48, WEIGHTS, decode_q48, record_dtype
+from adverb_client.records import ENCODINGS, ERROR, HEADER, Q32, Q48, WEIGHTS, decode_q32, decode_q48, record_dtype
 
 __all__ = [
     "ADVERBS",
+    "BULK_ADVERBS",
+    "MAX_MESSAGE_BYTES",
     "MESSAGE_HEADER",
     "POSES",
     "WIRE",
@@ -24,13 +26,18 @@ __all__ = [
     "RecordBatch",
     "decode_message",
     "encode_adverbs",
+    "encode_bulk_adverbs",
 ]
 
-POSES, ADVERBS = 0x01, 0x10
+POSES, ADVERBS, BULK_ADVERBS = 0x01, 0x10, 0x11
 """Ops of binary messages."""
 WIRE = 1
 MESSAGE_HEADER = struct.Struct("<BBHIQI")
 """Header of a pose message: op, wire version, records, sequence, time in ns, dropped."""
+MAX_MESSAGE_BYTES = 65_536
+"""The longest message that the server takes."""
+MAX_ADVERB = 1e9
+"""The largest magnitude of an adverb."""
 _ADVERBS = struct.Struct("<BBH")
 _COUNT = struct.Struct("<HH")
 _MAX_BATCH = 256  # bounds repeated scans where layouts alternate
@@ -220,8 +227,13 @@ def _batch(content: bytes, at: int, left: int, layouts: Mapping[int, Layout]) ->
         raise DecodeError(f"non-finite numbers in records of channels {rows['channel'].tolist()[:8]}")
     if weights is not None:
         return RecordBatch(rows, None, None, weights), at + rows.nbytes
-    rotations = decode_q48(rows["words"]) if layout.encoding == Q48 else rows["rotations"]
-    return RecordBatch(rows, rows["root"], rotations, None), at + rows.nbytes
+    return RecordBatch(rows, rows["root"], _rotations(rows, layout.encoding), None), at + rows.nbytes
+
+
+def _rotations(rows: npt.NDArray[np.void], encoding: int) -> F32:
+    if encoding == Q48:
+        return decode_q48(rows["words"])
+    return decode_q32(rows["words"]) if encoding == Q32 else rows["rotations"]
 
 
 def _layout_at(content: bytes, at: int, layouts: Mapping[int, Layout]) -> Layout:
@@ -281,3 +293,37 @@ def encode_adverbs(channel: int, adverbs: Sequence[float] | npt.NDArray[Any]) ->
     if not np.isfinite(numbers).all():
         raise ValueError(f"adverbs must be finite: {numbers.tolist()}")
     return _ADVERBS.pack(ADVERBS, 0, channel) + numbers.tobytes()
+
+
+def encode_bulk_adverbs(channels: npt.ArrayLike, adverbs: npt.ArrayLike) -> list[bytes]:
+    """Encode all adverbs of many channels as binary messages, each of at most 64 KiB.
+
+    Parameters
+    ----------
+    channels : (B,) int
+        0 … 65,535.
+    adverbs : (B, D) floats
+        All adverbs in the order of the verbs', in their units.
+
+    Returns
+    -------
+    list of bytes
+        One message up to 4,095 channels with three adverbs; none for B = 0.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a channel number is out of range, or an adverb is not finite or exceeds 1e9.
+    """
+    numbers, goals = np.asarray(channels), np.asarray(adverbs)
+    if numbers.ndim != 1 or goals.ndim != 2 or len(numbers) != len(goals) or not (goals.shape[1] or not len(goals)):
+        raise ValueError(f"channels {numbers.shape} and adverbs {goals.shape}; expected (B,) and (B, D)")
+    if ((numbers < 0) | (numbers > 65_535)).any():
+        raise ValueError(f"channels {numbers.min()} to {numbers.max()}; expected 0 to 65,535")
+    if not (np.abs(goals) <= MAX_ADVERB).all():
+        raise ValueError(f"adverbs must be finite and at most {MAX_ADVERB:g} in magnitude")
+    rows = np.zeros(len(numbers), [("channel", "<u2"), ("zero", "<u2"), ("adverbs", "<f4", (goals.shape[1],))])
+    rows["channel"], rows["adverbs"] = numbers, goals
+    most = (MAX_MESSAGE_BYTES - _ADVERBS.size) // rows.itemsize
+    parts = [rows[at : at + most] for at in range(0, len(rows), most)]
+    return [_ADVERBS.pack(BULK_ADVERBS, 0, len(part)) + part.tobytes() for part in parts]

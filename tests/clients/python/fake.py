@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 
 from tests.clients.python.specimen import Rec, message, record_bytes
 
-ENCODINGS = {"f32": 0, "q48": 1, "weights": 2}
+ENCODINGS = {"f32": 0, "q48": 1, "weights": 2, "q32": 3}
 NAMES, PARENTS = ["Hips", "Spine", "Hand"], [-1, 0, 1]
 OFFSETS = [[0.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.3, 0.0, 0.0]]
 
@@ -147,8 +147,8 @@ class FakeServer:
             return
         before, channel.phase = channel.phase, channel.phase + channel.speed * step_s / verb.duration
         if before < 0.5 <= channel.phase:
-            fields = {"op": "event", "channel": channel.number, "name": "half", "phase": 0.5}
-            await socket.send(json.dumps(fields))
+            item = {"channel": channel.number, "name": "half", "phase": 0.5}
+            await socket.send(json.dumps({"op": "events", "items": [item]}))
         if channel.phase >= 1.0 and not verb.looping:
             channel.phase, channel.ended = 1.0, True
             await socket.send(json.dumps({"op": "end", "channel": channel.number}))
@@ -158,6 +158,8 @@ class FakeServer:
         session = holder[0]
         if isinstance(content, bytes):
             op, _, number = struct.unpack_from("<BBH", content)
+            if op == 0x11:
+                return await self.handle_bulk(socket, session, content, number)
             numbers = list(struct.unpack_from(f"<{(len(content) - 4) // 4}f", content, 4))
             self.messages.append((op, number, numbers))
             if number not in session.channels:
@@ -166,11 +168,29 @@ class FakeServer:
                 await self.send_error(socket, number, "bad_message")
             else:
                 session.channels[number].adverbs = numbers
-            return
+            return None
         fields = json.loads(content)
         self.messages.append(fields)
         if fields["op"] not in self.mute:
             await getattr(self, f"on_{fields['op']}")(socket, holder, fields)
+        return None
+
+    async def handle_bulk(self, socket, session: FakeSession, content: bytes, count: int) -> None:
+        size = (len(content) - 4) // count
+        rows = [struct.unpack_from(f"<HH{size // 4 - 1}f", content, 4 + k * size) for k in range(count)]
+        self.messages.append((0x11, len(content), [(channel, list(adverbs)) for channel, _, *adverbs in rows]))
+        assert len(content) == 4 + count * size
+        if any(len(session.channels[channel].adverbs) != len(adverbs) for channel, _, *adverbs in rows):
+            return await self.send_error(socket, None, "out_of_range")
+        for channel, _, *adverbs in rows:
+            session.channels[channel].adverbs = adverbs
+        return None
+
+    async def on_view(self, socket, holder, fields) -> None:
+        if "budget_kbps" in fields:
+            numbers = {"seconds": 1.0, "kbps": 0.5 * fields["budget_kbps"], "records": 60, "left_out": 40}
+            rates = {"budget_kbps": fields["budget_kbps"], "min_fps": 6.0, "max_fps": 60.0}
+            await socket.send(json.dumps({"op": "stats", **numbers, **rates}))
 
     async def send_error(self, socket: ServerConnection, channel: int | None, code: str) -> None:
         await socket.send(json.dumps({"op": "error", "channel": channel, "code": code, "detail": f"it is {code}"}))

@@ -30,7 +30,7 @@ async def stream(url):
         yield stream
 
 
-@pytest.mark.parametrize("encoding", ["f32", "q48", "weights"])
+@pytest.mark.parametrize("encoding", ["f32", "q48", "q32", "weights"])
 async def test_every_encoding_is_decoded(stream, encoding):
     channel = await stream.open("arm3", adverbs=AT, encoding=encoding, phase=0.25, play=False)
     await until(lambda: channel.pose() is not None and stream.stats.messages > 3)
@@ -50,6 +50,21 @@ async def test_keytimes_and_the_end_are_events(stream):
     assert (await next_event(stream, KeytimePassed)).channel == channel.number
     assert (await next_event(stream, MotionEnded)).channel == channel.number
     await until(lambda: channel.pose().phase == pytest.approx(1.0))  # `ended` holds for one frame only
+
+
+async def test_one_message_steers_several_channels(stream):
+    options = {"adverbs": AT, "half_life": 0.0, "play": False, "phase": 0.5, "events": False}
+    first, *others = [await stream.open("arm3", **options) for _ in range(4)]
+    await until(lambda: all(channel.pose() is not None for channel in [first, *others]))
+    before, goal = np.append(first.pose().root, first.pose().rotations), [0.3, 0.1]
+    first.aim(goal)
+    stream.aim_many(others, [goal] * 3)
+
+    def moved(channel):
+        return np.append(channel.pose().root, channel.pose().rotations)
+
+    await until(lambda: np.abs(moved(first) - before).max() > 1e-2)
+    await until(lambda: all(np.allclose(moved(channel), moved(first), atol=1e-5) for channel in others))
 
 
 async def test_error_messages_have_their_codes_and_change_nothing(stream):

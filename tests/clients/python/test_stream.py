@@ -43,7 +43,7 @@ async def test_other_addresses_are_rejected(url):
         stream_url(url)
 
 
-@pytest.mark.parametrize("encoding", ["f32", "q48", "weights"])
+@pytest.mark.parametrize("encoding", ["f32", "q48", "weights", "q32"])
 async def test_poses_arrive_in_every_encoding(stream, encoding):
     channel = await stream.open("reach", adverbs=AT, encoding=encoding, phase=0.25, play=False)
     assert channel.info.encoding == encoding
@@ -63,7 +63,7 @@ async def test_poses_arrive_in_every_encoding(stream, encoding):
 
 
 async def test_many_channels_of_different_layouts_share_messages(stream):
-    kinds = ["f32", "q48", "weights"] * 4
+    kinds = ["f32", "q48", "weights", "q32"] * 3
     channels = [await stream.open("reach", encoding=kind, adverbs={**AT, "x": k / 20}) for k, kind in enumerate(kinds)]
     await until(lambda: all(channel.pose() is not None for channel in channels))
     assert stream.stats.decode_errors == 0
@@ -143,7 +143,7 @@ async def test_open_and_set_reject_numbers_out_of_range(stream, fake, options, m
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"encoding": "f64"}, "encoding 'f64'; expected one of f32, q48, weights"),
+        ({"encoding": "f64"}, "encoding 'f64'; expected one of f32, q48, q32, weights"),
         ({"space": "world"}, "space 'world'; expected one of local, global"),
         ({"frame": "maya"}, "frame 'maya'; expected one of gltf, unity, unreal, zup"),
         ({"adverbs": {"x": float("nan")}}, "finite"),
@@ -306,7 +306,7 @@ async def test_malformed_messages_are_counted_and_ignored(stream, fake):
     channel = await stream.open("reach", adverbs=AT)
     await until(lambda: channel.pose() is not None)
     socket = next(iter(fake.sockets))
-    for bad in (b"", b"\x01\x01\xff\xff", b"\x07" * 40, "no json", "[1]", '{"op": "event"}', '{"op": "opened"}'):
+    for bad in (b"", b"\x01\x01\xff\xff", b"\x07" * 40, "no json", "[1]", '{"op": "events"}', '{"op": "opened"}'):
         await socket.send(bad)
     for bad in ('{"op": "pong", "t": "x", "server_time_ns": 1}', '{"op": "pong", "t": Infinity, "server_time_ns": 1}'):
         await socket.send(bad)

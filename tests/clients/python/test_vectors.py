@@ -5,26 +5,38 @@ import math
 
 import numpy as np
 import pytest
-from adverb_client import Clock, DecodeError, JitterBuffer, Lateness, Layout, decode_message, encode_adverbs, errors
+from adverb_client import (
+    Clock,
+    DecodeError,
+    JitterBuffer,
+    Lateness,
+    Layout,
+    decode_message,
+    encode_adverbs,
+    encode_bulk_adverbs,
+    errors,
+)
 from adverb_client.messages import (
+    BudgetReport,
     ChannelOpened,
     CommandRejected,
     Hello,
-    KeytimePassed,
+    KeytimesPassed,
     MotionEnded,
     Pong,
     ServerDraining,
     VersionChanged,
     parse_message,
 )
-from adverb_client.records import decode_q48
+from adverb_client.records import decode_q32, decode_q48
 
 from tests.clients.python.conftest import until
 from tests.golden import make_wire_vectors
 
 VECTORS = json.loads(make_wire_vectors.PATH.read_text(encoding="utf-8"))
 SECONDS = VECTORS["tolerances"]["seconds"]
-Q48_RAD = VECTORS["q48"]["tolerance_rad"]
+TOLERANCE_RAD = {name: VECTORS[name]["tolerance_rad"] for name in ("q48", "q32")}
+Q48_RAD = TOLERANCE_RAD["q48"]
 
 
 def named(part: str):
@@ -68,7 +80,7 @@ def test_pose_messages_are_decoded(vector):
         if expected["encoding"] == "f32":
             assert record.rotations.tolist() == expected["rotations"]
         else:
-            assert angle(record.rotations, expected["rotations"]) < Q48_RAD
+            assert angle(record.rotations, expected["rotations"]) < TOLERANCE_RAD[expected["encoding"]]
 
 
 @named("malformed_pose_messages")
@@ -97,6 +109,22 @@ def test_q48_words_are_decoded():
     assert angle(found, [row["rotation"] for row in rows]) < Q48_RAD
 
 
+def test_q32_words_are_decoded():
+    rows = VECTORS["q32"]["decode"]
+    found = decode_q32(np.array([row["word"] for row in rows], np.uint32))
+    unit = [np.array(row["rotation"]) / np.linalg.norm(row["rotation"]) for row in rows]
+    assert angle(found, unit) < 1e-6
+    rows = VECTORS["q32"]["encode"]
+    found = decode_q32(np.array([row["word"] for row in rows], np.uint32))
+    assert angle(found, [row["rotation"] for row in rows]) < TOLERANCE_RAD["q32"]
+
+
+@named("bulk_adverb_messages")
+def test_adverbs_of_many_channels_are_encoded(vector):
+    (content,) = encode_bulk_adverbs(vector["channels"], vector["adverbs"])
+    assert content.hex() == vector["hex"]
+
+
 @named("adverb_messages")
 def test_adverbs_are_encoded(vector):
     assert encode_adverbs(vector["channel"], vector["adverbs"]).hex() == vector["hex"]
@@ -106,7 +134,8 @@ KINDS = {
     "hello": Hello,
     "opened": ChannelOpened,
     "version": VersionChanged,
-    "event": KeytimePassed,
+    "events": KeytimesPassed,
+    "stats": BudgetReport,
     "end": MotionEnded,
     "pong": Pong,
     "error": CommandRejected,
@@ -128,6 +157,7 @@ def test_server_messages_are_parsed(vector):
 
 GOALS = {"x": 0.1, "mood": 0.5}  # not parsed by this client
 CONVERTED = {
+    "items": lambda found: [{"channel": row.channel, "name": row.name, "phase": row.phase} for row in found.items],
     "server_time_ns": lambda found: str(found.server_time_ns),
     "code": lambda found: found.error.code,
     "detail": lambda found: found.detail if isinstance(found, ServerDraining) else found.error.detail,
@@ -187,6 +217,12 @@ async def test_client_messages_are_those_of_the_vectors(stream, fake):
         await stream.switch(channel, fields["verb"], **arguments_of(fields))
         assert fake.received("switch")[k] == fields
     assert [set(row) for row in fake.received("ping")] == [{"op", "t"}] * len(fake.received("ping"))
+    for k in range(4):
+        fields = client_message("view", k)
+        place = [fields[name] for name in "xyz"] if "x" in fields else None
+        stream.view(place, budget_kbps=fields.get("budget_kbps"))
+        await stream.ping()
+        assert fake.received("view")[k] == fields
     await fake.drop()
     await until(lambda: fake.received("resume"))
     assert set(fake.received("resume")[0]) == set(client_message("resume"))

@@ -163,9 +163,9 @@ def test_decode_errors_state_the_problem(content, match):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 22])
-@pytest.mark.parametrize("name", ["f32", "q48", "weights"])
+@pytest.mark.parametrize("name", ["f32", "q48", "weights", "q32"])
 def test_the_layout_of_opened_has_its_length(name, count):
-    length = record_bytes({"f32": 0, "q48": 1, "weights": 2}[name], count)
+    length = record_bytes({"f32": 0, "q48": 1, "weights": 2, "q32": 3}[name], count)
     layout = Layout.from_opened(name, count, length)
     assert (layout.count, layout.record_bytes) == (count, length)
     with pytest.raises(DecodeError, match="do not fit"):

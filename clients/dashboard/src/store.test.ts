@@ -19,7 +19,7 @@ const view: fc.Arbitrary<View> = fc.record<View>({
   speed: fc.double({ min: -2, max: 2, noNaN: true }).map((value) => value + 0),
   loop: fc.boolean(),
   fps: fc.integer({ min: 1, max: 120 }),
-  encoding: fc.constantFrom("f32", "q48"),
+  encoding: fc.constantFrom("f32", "q48", "q32"),
   crowd: fc.integer({ min: 1, max: 1000 }),
   compare,
   hull: fc.boolean(),

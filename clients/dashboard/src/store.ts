@@ -117,7 +117,7 @@ const CODECS: { [Key in Exclude<keyof View, "goal" | "slice">]: Codec<View[Key]>
   speed: within(BOUNDS.speed),
   loop: flag,
   fps: within(BOUNDS.fps, true),
-  encoding: oneOf("f32", "q48"),
+  encoding: oneOf("f32", "q48", "q32"),
   crowd: within(BOUNDS.crowd, true),
   compare,
   hull: flag,

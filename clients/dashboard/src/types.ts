@@ -35,7 +35,7 @@ export interface View {
   speed: number;
   loop: boolean;
   fps: number;
-  encoding: "f32" | "q48";
+  encoding: "f32" | "q48" | "q32";
   /** Number of characters, 1–1,000. */
   crowd: number;
   compare: Comparison;

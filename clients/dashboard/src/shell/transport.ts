@@ -165,11 +165,13 @@ function encoding(page: Page): HTMLElement {
   const options = [
     ["f32", "f32"],
     ["q48", "q48"],
+    ["q32", "q32"],
   ] as const;
   const { element, select } = choice("Encoding", options, (value) => {
-    page.store.change({ encoding: value === "q48" ? "q48" : "f32" });
+    page.store.change({ encoding: value === "q48" || value === "q32" ? value : "f32" });
   });
-  element.title = "f32: full precision. q48: one third of the size, within 0.00015 rad.";
+  element.title =
+    "f32: full precision. q48: two fifths of the size, within 0.00015 rad. q32: one third, within 0.005 rad.";
   const show = () => {
     select.value = page.store.view.encoding;
   };

@@ -1,7 +1,7 @@
 /** One channel: sent state and the messages that bring it to its target. */
 
 import type { Opened } from "../types";
-import { writeAdverbs } from "./decode";
+import type { Goal } from "./decode";
 import type { Motion } from "./worker_messages";
 
 /** Playback settings, which can change without reopening the channel. */
@@ -10,7 +10,8 @@ type SentState = Partial<Pick<Motion, "fps" | "playing" | "speed" | "loop">> & {
   adverbs: readonly number[];
 };
 
-export type Outgoing = string | ArrayBuffer;
+/** A text message, or a goal, which is sent together with those of other channels. */
+export type Outgoing = string | Goal;
 
 export class Channel {
   opened: Opened | null = null;
@@ -47,7 +48,7 @@ export class Channel {
     return this.changes(this.sent, target, adverbs);
   }
 
-  close(): Outgoing {
+  close(): string {
     this.sent = null;
     return JSON.stringify({ op: "close", channel: this.number });
   }
@@ -75,7 +76,7 @@ export class Channel {
     this.waiting = 0;
   }
 
-  private open(target: Motion, adverbs: readonly number[], phase: number): Outgoing {
+  private open(target: Motion, adverbs: readonly number[], phase: number): string {
     this.sent = { ...playing(target), serial: target.seek.serial, adverbs };
     this.identity = identityOf(target);
     this.waiting++;
@@ -92,6 +93,7 @@ export class Channel {
       speed: target.speed,
       play: target.playing,
       loop: target.loop,
+      events: this.number === 0, // the page shows those of the steered character
     });
   }
 
@@ -107,7 +109,7 @@ export class Channel {
       (adverbs.length !== sent.adverbs.length || adverbs.some((value, k) => value !== sent.adverbs[k]));
     this.sent = { ...playing(target), serial: target.seek.serial, adverbs };
     const out: Outgoing[] = [];
-    if (moved) out.push(writeAdverbs(this.number, adverbs));
+    if (moved) out.push({ channel: this.number, adverbs });
     if (Object.keys(set).length > 0) out.push(JSON.stringify({ op: "set", channel: this.number, ...set }));
     return out;
   }

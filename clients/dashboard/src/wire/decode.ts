@@ -6,9 +6,13 @@ export const FLAGS = { clamped: 1, inTransition: 2, newVersion: 4, last: 8 } as 
 
 const POSE_OP = 0x01;
 const ADVERBS_OP = 0x10;
+const BULK_ADVERBS_OP = 0x11;
+/** Longest message that the server takes. */
+const MOST_BYTES = 65_536;
 const WIRE_VERSION = 1;
-const ENCODINGS = ["f32", "q48", "weights"] as const;
-const UNIT = 1 / (16383 * Math.SQRT2);
+const ENCODINGS = ["f32", "q48", "weights", "q32"] as const;
+const Q48_STEPS = 16383;
+const Q32_STEPS = 511;
 
 export type Encoding = (typeof ENCODINGS)[number];
 
@@ -55,7 +59,8 @@ export function poseLength(joints: number): number {
 }
 
 export function layoutOf(encoding: Encoding, joints: number, recordBytes: number): Layout {
-  const least = RECORD_HEAD_BYTES + { f32: 12 + 16 * joints, q48: 12 + 6 * joints, weights: 4 }[encoding];
+  const least =
+    RECORD_HEAD_BYTES + { f32: 12 + 16 * joints, q48: 12 + 6 * joints, q32: 12 + 4 * joints, weights: 4 }[encoding];
   if (recordBytes < least || recordBytes % 4 !== 0)
     throw new DecodeError(
       0,
@@ -115,23 +120,79 @@ export function readPose(view: DataView, at: number, layout: Layout, out: Float3
   const plain = layout.encoding === "f32" ? length : 3;
   for (let k = 0; k < plain; k++) out[offset + k] = view.getFloat32(start + 4 * k, true);
   if (layout.encoding === "q48")
-    for (let j = 0; j < layout.joints; j++) readSmallestThree(view, start + 12 + 6 * j, out, offset + 3 + 4 * j);
+    for (let j = 0; j < layout.joints; j++) readQ48(view, start + 12 + 6 * j, out, offset + 3 + 4 * j);
+  if (layout.encoding === "q32")
+    for (let j = 0; j < layout.joints; j++) readQ32(view.getUint32(start + 12 + 4 * j, true), out, offset + 3 + 4 * j);
 }
 
-/** Smallest-three encoding: the largest component is omitted. */
-function readSmallestThree(view: DataView, at: number, out: Float32Array, offset: number): void {
+function readQ48(view: DataView, at: number, out: Float32Array, offset: number): void {
   const a = view.getUint16(at, true);
   const b = view.getUint16(at + 2, true);
   const c = view.getUint16(at + 4, true);
-  const missing = (a >> 15) | ((b >> 15) << 1);
-  const p = ((a & 0x7fff) - 16383) * UNIT;
-  const q = ((b & 0x7fff) - 16383) * UNIT;
-  const r = ((c & 0x7fff) - 16383) * UNIT;
+  const omitted = (a >> 15) | ((b >> 15) << 1);
+  writeSmallestThree(omitted, a & 0x7fff, b & 0x7fff, c & 0x7fff, Q48_STEPS, out, offset);
+}
+
+function readQ32(word: number, out: Float32Array, offset: number): void {
+  writeSmallestThree(word >>> 30, word & 0x3ff, (word >> 10) & 0x3ff, (word >> 20) & 0x3ff, Q32_STEPS, out, offset);
+}
+
+/** Write a rotation of its three smallest components, in steps; the largest is computed. */
+function writeSmallestThree(
+  missing: number,
+  a: number,
+  b: number,
+  c: number,
+  steps: number,
+  out: Float32Array,
+  offset: number,
+): void {
+  const unit = 1 / (steps * Math.SQRT2);
+  const p = (a - steps) * unit;
+  const q = (b - steps) * unit;
+  const r = (c - steps) * unit;
   const left = Math.sqrt(Math.max(0, 1 - p * p - q * q - r * r));
   out[offset] = missing === 0 ? left : p;
   out[offset + 1] = missing === 1 ? left : missing < 1 ? p : q;
   out[offset + 2] = missing === 2 ? left : missing < 2 ? q : r;
   out[offset + 3] = missing === 3 ? left : r;
+}
+
+/** A goal: all adverbs of a channel, in the verb's order. */
+export interface Goal {
+  channel: number;
+  adverbs: readonly number[];
+}
+
+/** Binary messages with the goals of several channels; each has one number of adverbs and at most 64 KiB. */
+export function writeBulkAdverbs(goals: readonly Goal[]): ArrayBuffer[] {
+  const messages: ArrayBuffer[] = [];
+  const groups = new Map<number, Goal[]>();
+  for (const goal of goals) {
+    const group = groups.get(goal.adverbs.length);
+    if (group) group.push(goal);
+    else groups.set(goal.adverbs.length, [goal]);
+  }
+  for (const [count, group] of groups) {
+    const row = 4 + 4 * count;
+    const most = Math.floor((MOST_BYTES - 4) / row);
+    for (let first = 0; first < group.length; first += most)
+      messages.push(writeRows(group.slice(first, first + most), row));
+  }
+  return messages;
+}
+
+function writeRows(goals: readonly Goal[], row: number): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(4 + row * goals.length));
+  view.setUint8(0, BULK_ADVERBS_OP);
+  view.setUint16(2, goals.length, true);
+  goals.forEach(({ channel, adverbs }, k) => {
+    view.setUint16(4 + row * k, channel, true);
+    adverbs.forEach((value, d) => {
+      view.setFloat32(8 + row * k + 4 * d, value, true);
+    });
+  });
+  return view.buffer;
 }
 
 /** Binary message that sets a channel's adverbs, in the verb's order. */

@@ -1,6 +1,6 @@
 import { beforeEach, expect, test } from "vitest";
 import type { Opened } from "../types";
-import { writeAdverbs } from "./decode";
+import { writeAdverbs, writeBulkAdverbs } from "./decode";
 import { Session } from "./session";
 import type { FromWorker, Motion, StreamTarget } from "./worker_messages";
 
@@ -124,7 +124,7 @@ test("the target is opened with one message and displayed", () => {
   expect(server.ops("open")).toEqual([
     {
       ...{ op: "open", channel: 0, verb: "reach", adverbs: { x: 0.1, y: 0.2 }, fps: 60, encoding: "f32" },
-      ...{ phase: 0.25, speed: 1, play: true, loop: true },
+      ...{ phase: 0.25, speed: 1, play: true, loop: true, events: true },
     },
   ]);
   expect(session.connection).toBe("open");
@@ -151,6 +151,44 @@ test("only changes are sent, adverbs as binary", () => {
   session.setTarget({ main: { ...MOTION, seek: { serial: 1, phase: 0.7 } }, adverbs: [[0.5, 0.2]], comparison: null });
   server.settle();
   expect(server.received.at(-1)).toEqual({ op: "set", channel: 0, speed: 1, play: true, phase: 0.7 });
+});
+
+test("one message steers a crowd, whose keytimes are not requested", () => {
+  setTarget({}, 300);
+  server.connect("a");
+  server.settle();
+  expect(server.ops("open").map((open) => open.events)).toEqual([true, ...Array<boolean>(299).fill(false)]);
+  const adverbs = Array.from({ length: 300 }, (_, k) => [0.5 + 0.001 * k, 0.2]);
+  session.setTarget({ main: MOTION, adverbs, comparison: null });
+  session.step(server.now);
+  const [message, ...others] = server.adverbMessages;
+  expect(others).toEqual([]);
+  const goals = adverbs.map((row, channel) => ({ channel, adverbs: row }));
+  expect(message?.byteLength).toBe(4 + 12 * 300);
+  const [ordered] = writeBulkAdverbs(goals);
+  const rows = (content: ArrayBuffer | undefined) =>
+    Array.from({ length: 300 }, (_, k) =>
+      new Uint8Array(content as ArrayBuffer).slice(4 + 12 * k, 16 + 12 * k).join(),
+    ).sort();
+  expect(rows(message)).toEqual(rows(ordered));
+  server.settle();
+  expect(server.adverbMessages).toHaveLength(1);
+});
+
+test("keytimes of the steered character are reported, in order", () => {
+  setTarget({}, 2);
+  server.connect("a");
+  server.settle();
+  const items = [
+    { channel: 1, name: "apex", phase: 0.5 },
+    { channel: 0, name: "apex", phase: 0.5 },
+    { channel: 0, name: "end", phase: 1 },
+  ];
+  server.send({ op: "events", items });
+  expect(events.filter(({ kind }) => kind === "event")).toEqual([
+    { kind: "event", name: "apex", phase: 0.5 },
+    { kind: "event", name: "end", phase: 1 },
+  ]);
 });
 
 test("a crowd opens and closes in bounded bursts", () => {

@@ -6,16 +6,19 @@
  */
 
 import type { Connection, Opened, Stats } from "../types";
-import type { Channel, Outgoing } from "./channel";
+import type { Channel } from "./channel";
 import { Clock, Lateness } from "./clock";
 import {
   DecodeError,
+  type Goal,
   type Layout,
   layoutOf,
   MESSAGE_HEAD_BYTES,
   readChannel,
   readMessageHead,
   readRecordHead,
+  writeAdverbs,
+  writeBulkAdverbs,
 } from "./decode";
 import { FigureStream } from "./figure_stream";
 import { readText, type ServerMessage } from "./server_messages";
@@ -24,7 +27,7 @@ import type { Drawn, FromWorker, Motion, StreamTarget } from "./worker_messages"
 
 /** Limit of unanswered `open` messages; the server queues at most 256 messages. */
 const MOST_PENDING = 48;
-/** Messages per step. */
+/** Text messages per step. */
 const MOST_SENT = 192;
 const COMPARISON_CHANNEL = 60_000;
 const NOT_READY_MS = 1000;
@@ -38,7 +41,7 @@ export class Session {
   private readonly counters: StreamCounters;
   private readonly clock = new Clock();
   private target: StreamTarget | null = null;
-  private send: ((message: Outgoing) => void) | null = null;
+  private send: ((message: string | ArrayBuffer) => void) | null = null;
   /** Away: no session. Joining: a resume is being answered. */
   private state: "away" | "joining" | "live" = "away";
   private name = "";
@@ -56,6 +59,8 @@ export class Session {
   private pending = 0;
   private soughtSerial = -1;
   private nextChannel = 0;
+  /** New goals of this step. */
+  private goals: Goal[] = [];
   private alignedMs = Number.NEGATIVE_INFINITY;
 
   constructor(
@@ -85,7 +90,7 @@ export class Session {
   }
 
   /** A socket is open; the server sends the first message. */
-  attach(send: (message: Outgoing) => void): void {
+  attach(send: (message: string | ArrayBuffer) => void): void {
     this.send = send;
   }
 
@@ -147,9 +152,19 @@ export class Session {
         nowMs,
       );
     }
+    this.sendGoals();
   }
 
-  /** Update one channel, or close it without a motion; returns the number of messages. */
+  private sendGoals(): void {
+    const [first, ...others] = this.goals;
+    this.goals = [];
+    if (!first) return;
+    const messages =
+      others.length > 0 ? writeBulkAdverbs([first, ...others]) : [writeAdverbs(first.channel, first.adverbs)];
+    for (const message of messages) this.send?.(message);
+  }
+
+  /** Update one channel, or close it without a motion; returns the number of text messages. */
   private updateChannel(
     channel: Channel | undefined,
     motion: Motion | null,
@@ -159,9 +174,16 @@ export class Session {
   ): number {
     if (!channel || (motion && !channel.isOpen && this.pending >= MOST_PENDING)) return 0;
     const messages = motion ? channel.next(motion, adverbs, phase, nowMs) : channel.isOpen ? [channel.close()] : [];
-    for (const message of messages) this.send?.(message);
-    if (messages.length > 0 && channel.pending) this.pending++;
-    return messages.length;
+    let texts = 0;
+    for (const message of messages) {
+      if (typeof message !== "string") this.goals.push(message);
+      else {
+        this.send?.(message);
+        texts++;
+      }
+    }
+    if (texts > 0 && channel.pending) this.pending++;
+    return texts;
   }
 
   /** Blended durations differ by method: realign the comparison's phase when it drifts. */
@@ -210,8 +232,9 @@ export class Session {
         return this.refused(message.channel, message.code, message.detail, nowMs);
       case "version":
         return this.renewed(message.channel, message.version, message.record_bytes);
-      case "event":
-        if (message.channel === 0) this.emit({ kind: "event", name: message.name, phase: message.phase });
+      case "events":
+        for (const { channel, name, phase } of message.items)
+          if (channel === 0) this.emit({ kind: "event", name, phase });
         return;
       case "end":
         if (message.channel === 0) this.emit({ kind: "end" });

@@ -3,6 +3,7 @@
 import { readFileSync } from "node:fs";
 import { expect, test } from "vitest";
 import { JitterBuffer } from "./buffer";
+import { viewMessage } from "./client_messages";
 import { Clock, Lateness } from "./clock";
 import {
   DecodeError,
@@ -16,6 +17,7 @@ import {
   readPose,
   readRecordHead,
   writeAdverbs,
+  writeBulkAdverbs,
 } from "./decode";
 import { readText } from "./server_messages";
 
@@ -48,6 +50,13 @@ type Vectors = {
     encode: { rotation: number[]; words: number[] }[];
     decode: { rotation: number[]; words: number[] }[];
   };
+  q32: {
+    tolerance_rad: number;
+    encode: { rotation: number[]; word: number }[];
+    decode: { rotation: number[]; word: number }[];
+  };
+  bulk_adverb_messages: { name: string; channels: number[]; adverbs: number[][]; hex: string }[];
+  client_messages: { text: string; fields: Record<string, unknown> }[];
   adverb_messages: { channel: number; adverbs: number[]; hex: string }[];
   server_messages: { text: string; fields: Record<string, unknown> | null }[];
   malformed_server_messages: { text: string; reason: string }[];
@@ -116,6 +125,20 @@ function unpack(words: readonly number[]): number[] {
   return [...out.subarray(3)];
 }
 
+/** One rotation from a q32 word. */
+function unpackWord(word: number): number[] {
+  const record = new DataView(new ArrayBuffer(40));
+  record.setUint8(2, 3);
+  record.setUint32(36, word, true);
+  const out = new Float32Array(7);
+  readPose(record, 0, layoutOf("q32", 1, 40), out, 0);
+  return [...out.subarray(3)];
+}
+
+function hexOf(message: ArrayBuffer | undefined): string {
+  return [...new Uint8Array(message ?? new ArrayBuffer(0))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
 test.each(vectors.pose_messages)("pose message: $name", (vector) => {
   const view = viewOf(vector.hex);
   const { head, records, end } = readMessage(view, layoutsOf(vector));
@@ -135,7 +158,7 @@ test.each(vectors.pose_messages)("pose message: $name", (vector) => {
     expected.rotations.forEach((rotation, j) => {
       const found = [...pose.subarray(3 + 4 * j, 7 + 4 * j)];
       if (expected.encoding === "f32") expect(found).toEqual(rotation);
-      else expect(angle(found, rotation)).toBeLessThan(vectors.q48.tolerance_rad);
+      else expect(angle(found, rotation)).toBeLessThan(vectors[expected.encoding as "q48" | "q32"].tolerance_rad);
     });
   });
 });
@@ -165,9 +188,34 @@ test("q48 words are decoded", () => {
     });
 });
 
+test("q32 words are decoded", () => {
+  for (const { word, rotation } of vectors.q32.encode)
+    expect(angle(unpackWord(word), rotation), `${word}`).toBeLessThan(vectors.q32.tolerance_rad);
+  for (const { word, rotation } of vectors.q32.decode)
+    unpackWord(word).forEach((value, k) => {
+      expect(value, `${word}`).toBeCloseTo(rotation[k] as number, 6);
+    });
+});
+
+test.each(vectors.bulk_adverb_messages)("adverbs of many channels: $name", ({ channels, adverbs, hex }) => {
+  const messages = writeBulkAdverbs(channels.map((channel, k) => ({ channel, adverbs: adverbs[k] as number[] })));
+  expect(messages.map(hexOf)).toEqual([hex]);
+});
+
+test("a message holds at most 64 KiB and one number of adverbs", () => {
+  const goals = Array.from({ length: 5000 }, (_, channel) => ({ channel, adverbs: channel === 7 ? [1] : [1, 2, 3] }));
+  const sizes = writeBulkAdverbs(goals).map((message) => message.byteLength);
+  expect(sizes).toEqual([4 + 16 * 4095, 4 + 16 * 904, 4 + 8]);
+});
+
+test.each(vectors.client_messages.filter(({ fields }) => fields.op === "view"))("view: $text", ({ fields }) => {
+  const { x, y, z, budget_kbps: budget } = fields as Record<string, number | undefined>;
+  const position = x === undefined ? null : ([x, y, z] as [number, number, number]);
+  expect(JSON.parse(viewMessage(position, budget ?? null))).toEqual(fields);
+});
+
 test.each(vectors.adverb_messages)("adverbs of channel $channel", ({ channel, adverbs, hex }) => {
-  const bytes = new Uint8Array(writeAdverbs(channel, adverbs));
-  expect([...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("")).toBe(hex);
+  expect(hexOf(writeAdverbs(channel, adverbs))).toBe(hex);
 });
 
 test.each(vectors.server_messages)("server message: $text", ({ text, fields }) => {

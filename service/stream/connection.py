@@ -121,6 +121,10 @@ class Connection:
         """Close the socket once everything is sent; of direct connections only."""
         raise NotImplementedError
 
+    def cut(self) -> None:
+        """Send nothing more."""
+        self.lost = True
+
     def _put_text(self, message: bytes) -> None:
         raise NotImplementedError
 
@@ -171,7 +175,7 @@ class DirectConnection(Connection):
         if self.lost:
             return
         if len(self.pending) >= MAX_WAITING:
-            self._cut()
+            self.cut()
             return
         self.pending.append(data)
         self.flush()
@@ -190,14 +194,14 @@ class DirectConnection(Connection):
             except BlockingIOError:
                 break
             except OSError:  # its endpoint detects it too
-                self._cut()
+                self.cut()
                 break
             if sent < len(data):
                 self.pending[0] = data[sent:]
                 break
             self.pending.popleft()
         if self._close_by_s is not None and (not self.pending or time.monotonic() > self._close_by_s):
-            self._cut()
+            self.cut()
         return not self.pending
 
     def close(self) -> None:
@@ -209,7 +213,8 @@ class DirectConnection(Connection):
     def _put_text(self, message: bytes) -> None:
         self.write(frame_head(TEXT, len(message)) + message)
 
-    def _cut(self) -> None:
+    def cut(self) -> None:
+        """Close the socket now."""
         if self._socket.fileno() >= 0:
             self.lost = True
             self.pending.clear()

@@ -40,6 +40,9 @@ __all__ = ["Hub"]
 
 SWEEP_S = 0.5
 
+END_S = 1.0
+"""Time for the last commands when the engine ends, seconds."""
+
 RENEW_S = 0.004
 """Time in which channels are moved to new versions before each tick, seconds; the others follow after the tick."""
 
@@ -76,6 +79,7 @@ class Hub:
         self._groups: dict[tuple[str, int, str], Group] = {}
         self._waiting: set[Session] = set()
         self._closing: set[Connection] = set()
+        self._connections: set[Connection] = set()
         self._renewing: deque[tuple[Channel, Catalog]] = deque()
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._sweep_at_s = time.monotonic() + SWEEP_S
@@ -90,7 +94,12 @@ class Hub:
     async def run(self) -> None:
         """Run the engine until cancelled."""
         self._loop = asyncio.get_running_loop()
-        await self.engine.run()
+        try:
+            await self.engine.run()
+        finally:
+            self.engine.handle(END_S)
+            for connection in self._connections:
+                connection.cut()
 
     @property
     def full(self) -> bool:
@@ -152,6 +161,7 @@ class Hub:
         """Start a session for a connection, and greet it."""
         session = Session(self._table, slow_s=self.settings.stream_slow_s)
         session.attach(connection)
+        self._connections.add(connection)
         self.sessions[session.id] = session
         self._send(
             session,
@@ -220,6 +230,7 @@ class Hub:
         over = now_s - self.settings.stream_grace_s
         for session in [one for one in self.sessions.values() if one.lost_at is not None and one.lost_at < over]:
             self._forget(session)
+        self._connections = {connection for connection in self._connections if not connection.lost}
         self.metrics.set_streams(sum(one.connected for one in self.sessions.values()), self.characters)
         for session in self.sessions.values():
             message = session.interest.stats(now_s) if session.interest is not None else None

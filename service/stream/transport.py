@@ -22,6 +22,7 @@ import numpy as np
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import CloseCode
 from websockets.http11 import Request
+from websockets.protocol import State
 
 from service.stream import kernels
 from service.stream.kernels import INCOMPLETE, MAX_FRAME, MORE, U16
@@ -105,6 +106,14 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         if isinstance(self.transport, _WrittenElsewhere):
             self.transport = self.transport.inner
         self.transport.close()
+
+    def shutdown(self) -> None:
+        """Close the connection, since the server stops; one that is closing already gets no second close frame."""
+        if self.handshake_complete and not self.close_sent and self.conn.state is not State.OPEN:
+            self.stop_keepalive()
+            self.transport.close()
+            return
+        super().shutdown()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Let the writer close its socket."""

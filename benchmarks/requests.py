@@ -28,7 +28,7 @@ async def ask(app: Any, path: str, accept: bytes) -> bytes:
         "type": "http", "asgi": {"version": "3.0"}, "http_version": "1.1", "method": "POST", "scheme": "http",
         "path": path, "raw_path": path.encode(), "query_string": b"", "root_path": "", "client": ("127.0.0.1", 1),
         "server": ("127.0.0.1", 80), "state": {}, "headers": [
-            (b"host", b"x"), (b"content-type", b"application/json"), (b"accept", accept),
+            (b"host", b"localhost"), (b"content-type", b"application/json"), (b"accept", accept),
             (b"content-length", str(len(BODY)).encode()),
         ],
     }  # fmt: skip
@@ -37,6 +37,8 @@ async def ask(app: Any, path: str, accept: bytes) -> bytes:
         return {"type": "http.request", "body": BODY, "more_body": False}
 
     async def send(message: Any) -> None:
+        if message["type"] == "http.response.start" and message["status"] != 200:
+            raise RuntimeError(f"the answer has status {message['status']}")
         if message["type"] == "http.response.body":
             parts.append(message.get("body", b""))
 
@@ -96,7 +98,7 @@ async def ready(app: Any) -> bytes:
     """Body of the readiness route."""
     from httpx import ASGITransport, AsyncClient
 
-    async with AsyncClient(transport=ASGITransport(app), base_url="http://bench") as client:
+    async with AsyncClient(transport=ASGITransport(app), base_url="http://localhost") as client:
         return (await client.get("/readyz")).content
 
 

@@ -7,6 +7,7 @@ import secrets
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 
 import structlog
 from starlette.requests import ClientDisconnect
@@ -41,6 +42,8 @@ class Observe:
 
     def __init__(self, app: ASGIApp, *, metrics: Metrics) -> None:
         self.app, self.metrics = app, metrics
+        # A new id is a random number of the process and a count: a random number for each takes as long as a pose.
+        self._prefix, self._count = secrets.token_hex(4), count()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -48,7 +51,7 @@ class Observe:
             await self.app(scope, receive, send)
             return
         started = time.perf_counter()
-        trace = Trace(_request_id(scope))
+        trace = Trace(_request_id(scope) or f"{self._prefix}{next(self._count):08x}")
         scope[SCOPE_KEY] = trace
         status = 0
 
@@ -116,11 +119,11 @@ def _refusal(limit: int) -> errors.BodyTooLarge:
 
 
 def _request_id(scope: Scope) -> str:
-    """The client's own id if it has allowed characters only, else a new one."""
+    """The client's own id if it has allowed characters only, else nothing."""
     for name, value in scope["headers"]:
         if name == b"x-request-id" and _REQUEST_ID.fullmatch(value):
             return str(value, "ascii")
-    return secrets.token_hex(8)
+    return ""
 
 
 def _known_method(method: str) -> str:

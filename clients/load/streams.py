@@ -21,6 +21,7 @@ EXAMPLES = """
 examples:
   python clients/load/streams.py --sockets 600 --seconds 10
   python clients/load/streams.py --sockets 50 --channels 60 --steer 10 --encoding q48
+  python clients/load/streams.py --sockets 100 --channels 100 --steer 60 --bulk --no-events --encoding q32
   taskset -c 1 python clients/load/streams.py --sockets 100 --json
   python clients/load/streams.py --chaos --sockets 30 --seconds 20 --seed 7
 
@@ -41,6 +42,8 @@ def main() -> int:
         fps=chosen.fps,
         method=chosen.method,
         steer_hz=chosen.steer,
+        bulk=chosen.bulk,
+        events=not chosen.no_events,
         seed=chosen.seed,
     )
     if chosen.core is not None:
@@ -68,8 +71,10 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--verb", default="reach", help="verb of all channels (%(default)s)")
     parser.add_argument("--method", help="blending method (the verb's own)")
     parser.add_argument("--seconds", type=float, default=10.0, help="duration of the measurement (%(default)s)")
-    parser.add_argument("--encoding", choices=["f32", "q48", "weights"], default="f32", help="(%(default)s)")
+    parser.add_argument("--encoding", choices=["f32", "q48", "q32", "weights"], default="f32", help="(%(default)s)")
     parser.add_argument("--steer", type=float, default=0.0, metavar="HZ", help="new adverbs a second and channel (0)")
+    parser.add_argument("--bulk", action="store_true", help="one message steers all channels of a socket")
+    parser.add_argument("--no-events", action="store_true", help="request no keytimes")
     parser.add_argument("--seed", type=int, default=1, help="of everything random (%(default)s)")
     parser.add_argument("--core", type=int, help="CPU core to run on (any)")
     parser.add_argument("--chaos", action="store_true", help="send malformed and hostile traffic instead")

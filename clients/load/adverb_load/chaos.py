@@ -148,7 +148,7 @@ async def _open(actor: ChaosClient) -> None:
     rng, client = actor.rng, actor.client
     other = {
         "fps": rng.choice([1, 24, 30, 60, 60, 90, 120]),
-        "encoding": rng.choice(["f32", "q48", "weights"]),
+        "encoding": rng.choice(["f32", "q48", "q32", "weights"]),
         "space": rng.choice(["local", "global"]),
         "frame": rng.choice(["gltf", "unity", "unreal", "zup"]),
         "loop": rng.random() < 0.7,

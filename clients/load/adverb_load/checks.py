@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from adverb_client import DecodeError, Layout, PoseMessage
-from adverb_client.records import Q48
+from adverb_client.records import Q32, Q48
 from adverb_client.wire import RecordBatch
 
 __all__ = ["check_message"]
@@ -21,12 +23,11 @@ UNIT = 1e-5
 SUM = 1e-4
 """Largest deviation of the sum of weights from 1."""
 
-STEPS = 16_383
-LARGEST = 2 * STEPS
-"""Largest word of q48, without its bit 15."""
+Q48_STEPS, Q32_STEPS = 16_383, 511
+"""The largest stored component is twice this number of steps."""
 
-STORED = 2 * STEPS**2 * (0.75 + 1e-3)
-"""Largest sum of squares of the three stored components, in steps: the omitted one is the largest of four."""
+STORED = 2 * (0.75 + 1e-3)
+"""Largest sum of squares of the three stored components over steps²: the omitted one is the largest of four."""
 
 
 def check_message(message: PoseMessage, layouts: Mapping[int, Layout]) -> None:
@@ -42,7 +43,9 @@ def check_message(message: PoseMessage, layouts: Mapping[int, Layout]) -> None:
         if batch.weights is not None:
             _check_weights(batch, layouts)
         elif batch.headers["encoding"][0] == Q48:
-            _check_words(batch)
+            _check_q48(batch)
+        elif batch.headers["encoding"][0] == Q32:
+            _check_q32(batch)
         else:
             _check_rotations(batch)
 
@@ -65,16 +68,27 @@ def _check_rotations(batch: RecordBatch) -> None:
         raise DecodeError(f"quaternions of length {np.sqrt(squares.min())} to {np.sqrt(squares.max())}")
 
 
-def _check_words(batch: RecordBatch) -> None:
+def _check_q48(batch: RecordBatch) -> None:
     words = batch.headers["words"]
-    low = words & 0x7FFF
-    if not low.size:
-        return
-    if max(low.max(), words[..., 2].max()) > LARGEST:  # bit 15 of the third word is 0
+    if words[..., 2].max(initial=0) > 2 * Q48_STEPS:  # bit 15 of the third word is 0
         raise DecodeError("q48 words out of range")
-    stored = low.astype(np.float32) - STEPS
-    if np.einsum("rjk,rjk->rj", stored, stored).max() > STORED:
-        raise DecodeError("a q48 rotation whose omitted component is not the largest")
+    _check_smallest_three(words & 0x7FFF, Q48_STEPS, tolerance=0.0)
+
+
+def _check_q32(batch: RecordBatch) -> None:
+    parts = batch.headers["words"][..., None] >> np.array([0, 10, 20], np.uint32) & 0x3FF
+    _check_smallest_three(parts, Q32_STEPS, tolerance=2.0 / Q32_STEPS)
+
+
+def _check_smallest_three(words: npt.NDArray[Any], steps: int, *, tolerance: float) -> None:
+    """Check stored components (R, J, 3); rounding changes sums of squares by the tolerance."""
+    if not words.size:
+        return
+    if words.max() > 2 * steps:
+        raise DecodeError("stored components of rotations out of range")
+    stored = (words.astype(np.float32) - steps) / steps
+    if np.einsum("rjk,rjk->rj", stored, stored).max() > STORED + tolerance:
+        raise DecodeError("a rotation whose omitted component is not the largest")
 
 
 def _check_weights(batch: RecordBatch, layouts: Mapping[int, Layout]) -> None:

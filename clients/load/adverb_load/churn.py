@@ -94,7 +94,7 @@ class Churn:
 
     def _open(self, client: LoadClient, count: int) -> None:
         self.done["stream"] += 1
-        encodings = ["f32", "q48", "weights"]
+        encodings = ["f32", "q48", "q32", "weights"]
         client.send(*(client.open_message(channel, encoding=client.rng.choice(encodings)) for channel in range(count)))
 
     async def _live(self, client: LoadClient, rng: random.Random, end_s: float) -> None:

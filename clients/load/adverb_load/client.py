@@ -21,6 +21,7 @@ from adverb_client import (
     VersionChanged,
     decode_message,
     encode_adverbs,
+    encode_bulk_adverbs,
 )
 from adverb_client.messages import Pong, parse_message
 from adverb_client.records import WEIGHTS
@@ -58,6 +59,10 @@ class Load:
         Blending method; the verb's default if None.
     steer_hz : float
         Rate of new adverbs per channel.
+    bulk : bool
+        Whether one message has the adverbs of all channels of a socket.
+    events : bool
+        Whether keytimes are reported.
     seed : int
     """
 
@@ -69,6 +74,8 @@ class Load:
     fps: int = 60
     method: str | None = None
     steer_hz: float = 0.0
+    bulk: bool = False
+    events: bool = True
     seed: int = 1
 
 
@@ -199,6 +206,8 @@ class LoadClient:
         }
         if self.load.method is not None:
             message["method"] = self.load.method
+        if not self.load.events:
+            message["events"] = False
         if self.goals is not None:
             message["adverbs"] = self.goals.adverbs(self.at + STRIDE * channel)
         return message | other
@@ -220,12 +229,15 @@ class LoadClient:
             self.held_back += len(self.layouts)
             return
         self.at += 1
-        packed = self.goals.packed
-        self.socket.send(
-            frames.BINARY,
-            *(adverbs_header(channel) + packed[(self.at + STRIDE * channel) % len(packed)] for channel in self.layouts),
-        )
-        self.steered += len(self.layouts)
+        channels = list(self.layouts)
+        steps = [(self.at + STRIDE * channel) % len(self.goals.packed) for channel in channels]
+        if self.load.bulk:
+            messages = encode_bulk_adverbs(channels, self.goals.rows[steps])
+        else:
+            packed = self.goals.packed
+            messages = [adverbs_header(channel) + packed[step] for channel, step in zip(channels, steps, strict=True)]
+        self.socket.send(frames.BINARY, *messages)
+        self.steered += len(channels)
 
     # ── parts ────────────────────────────────────────────────────────────────────────────────────────────────────
 

@@ -14,7 +14,7 @@ from tests.clients.python.specimen import Rec, message
 
 S = math.sqrt(0.5)
 POSE = [(0.0, 0.0, 0.0, 1.0), (S, 0.0, 0.0, S)]
-LAYOUTS = {0: Layout(0, 2), 5: Layout(1, 2), 9: Layout(2, 2)}
+LAYOUTS = {0: Layout(0, 2), 5: Layout(1, 2), 9: Layout(2, 2), 6: Layout(3, 2)}
 
 
 def full(**changed) -> Rec:
@@ -25,6 +25,13 @@ def packed(words=()) -> bytes:
     content = bytearray(message([Rec(5, 1, phase=0.5, time=0.5, duration=2.0, rotations=POSE)]))
     for k, word in words:
         content[56 + 2 * k : 58 + 2 * k] = int(word).to_bytes(2, "little")
+    return bytes(content)
+
+
+def packed_32(words=()) -> bytes:
+    content = bytearray(message([Rec(6, 3, phase=0.5, time=0.5, duration=2.0, rotations=POSE)]))
+    for k, word in words:
+        content[56 + 4 * k : 60 + 4 * k] = int(word).to_bytes(4, "little")
     return bytes(content)
 
 
@@ -42,6 +49,7 @@ def check(content: bytes) -> None:
         message([full(), weights(1.5, -0.5)]),
         message([full(error=math.nan, phase=1.0, time=0.0)]),
         packed(),
+        packed_32(),
     ],
 )
 def test_valid_messages_pass(content):
@@ -57,6 +65,8 @@ def test_valid_messages_pass(content):
         (message([full(error=-1.0)]), "error -1.0"),
         (message([full(rotations=[POSE[0], (0.0, 0.0, 0.0, 0.5)])]), "length 0.5 to 1.0"),
         (packed([(2, 16_383 | 1 << 15)]), "out of range"),
+        (packed_32([(0, 1_023)]), "out of range"),
+        (packed_32([(1, 1_022 | 1_022 << 10)]), "not the largest"),
         (packed([(0, 32_767 | 1 << 15)]), "out of range"),
         (packed([(0, 32_766), (1, 32_766), (2, 32_766)]), "not the largest"),
         (message([weights(1.5, 0.5)]), "sum"),

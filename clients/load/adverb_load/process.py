@@ -46,7 +46,7 @@ class Served:
         return self.base.replace("http", "ws", 1) + "/v1/stream"
 
     def cpu_s(self) -> float:
-        """CPU seconds of all its threads so far."""
+        """CPU seconds of all threads of all its processes so far."""
         return self._scheduled(0)
 
     def waited_s(self) -> float:
@@ -55,21 +55,26 @@ class Served:
 
     def _scheduled(self, column: int) -> float:
         total_ns = 0
-        for file in Path(f"/proc/{self.server}/task").glob("*/schedstat"):
-            try:
-                total_ns += int(file.read_text().split()[column])
-            except (FileNotFoundError, ProcessLookupError):
-                continue  # the thread has ended
+        for server in self.servers:
+            for file in Path(f"/proc/{server}/task").glob("*/schedstat"):
+                try:
+                    total_ns += int(file.read_text().split()[column])
+                except (FileNotFoundError, ProcessLookupError):
+                    continue  # the thread has ended
         return total_ns * 1e-9
 
     @property
     def server(self) -> int:
-        """Id of the process that serves: the first server of a supervisor, or the program itself."""
+        """Id of the first process that serves."""
+        return self.servers[0]
+
+    @property
+    def servers(self) -> list[int]:
+        """Ids of the processes that serve: the servers of a supervisor, or the program itself."""
         children = Path(f"/proc/{self.pid}/task/{self.pid}/children")
-        for child in children.read_text().split() if children.exists() else ():
-            if Path(f"/proc/{child}/comm").read_text().strip() == "adverb-server":
-                return int(child)
-        return self.pid
+        found = children.read_text().split() if children.exists() else []
+        named = [child for child in found if Path(f"/proc/{child}/comm").read_text().strip() == "adverb-server"]
+        return [int(child) for child in named] or [self.pid]
 
     def rss_mib(self) -> float:
         """Resident memory, MiB."""

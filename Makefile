@@ -17,7 +17,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-refine bench clean
+.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-refine bench clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -105,6 +105,9 @@ load: setup  ## ask a local server for poses and sequences for 20 s (Locust), an
 
 bench-streams: setup  ## measure streams: 600 × 1 and 50 × 60 characters at 60 fps, beside a bare push loop
 	@$(BIN)/python -m benchmarks.streams
+
+bench-crowd: setup  ## measure crowds: 10,000 characters at 60 fps; BEFORE=DIR compares with another checkout
+	@$(BIN)/python -m benchmarks.crowds $(if $(BEFORE),--before $(BEFORE))
 
 bench-refine: setup  ## measure what a refinement costs those who are served, its speed, and how soon servers swap
 	@$(BIN)/python -m benchmarks.refine

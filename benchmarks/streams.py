@@ -121,17 +121,40 @@ def capture() -> Path:
     return folder
 
 
-@contextmanager
-def served(folder: Path, **environment: str) -> Iterator[Served]:
-    """A server of the verb that is built of motion capture, on its own core."""
+def build_verb(folder: Path) -> None:
+    """Build the verb of motion capture into a folder; raises :class:`NoCapture`."""
     from verbs.authoring.fit import build
     from verbs.io import artifact
 
     artifact.save(build(capture()).verb, folder / f"{VERB}.verb")
+
+
+@contextmanager
+def served(
+    folder: Path, *, project: Path = PROJECT, core: int | None = SERVER_CORE, workers: int = 1, **environment: str
+) -> Iterator[Served]:
+    """A server of the verb that is built of motion capture, on its own core.
+
+    Parameters
+    ----------
+    folder : Path
+        Its data; the verb is built if it is not there.
+    project : Path
+        This checkout, or another one with its own ``.venv``.
+    core : int or None
+        Core to run on; any if None.
+    workers : int
+        Server processes.
+    **environment
+        Settings.
+    """
+    if not (folder / f"{VERB}.verb").exists():
+        build_verb(folder)
+    python = sys.executable if project == PROJECT else str(project / ".venv" / "bin" / "python")
     start = "from service.cli import main; main()"
-    command = [sys.executable, "-c", start, "serve", "--port", "0", "--data", str(folder)]
-    environment = {"ADVERB_REFINERS": "0", **environment}  # a worker would share the server's core
-    with serve(command, core=SERVER_CORE, cwd=PROJECT, environment=environment) as found:
+    command = [python, "-c", start, "serve", "--port", "0", "--data", str(folder), "--workers", str(workers)]
+    own = {"ADVERB_REFINERS": "0", "NUMBA_CACHE_DIR": str(project / ".cache" / "numba")}  # workers would share the core
+    with serve(command, core=core, cwd=project, environment=own | environment) as found:
         yield found
 
 
@@ -181,7 +204,7 @@ def largest(name: str, server: Served, load_of: Callable[[int], Load], most: int
 def encodings(server: Served) -> list[str]:
     """Bytes of a pose in each encoding, alone in a message and among 60."""
     lines, full = [], (0.0, 0.0)
-    for encoding in ("f32", "q48", "weights"):
+    for encoding in ("f32", "q48", "q32", "weights"):
         sizes = []
         for channels in (1, 60):
             load = Load(server.url, VERB, encoding=encoding, channels=channels, method=METHOD)

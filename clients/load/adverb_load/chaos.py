@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import uvloop
 from adverb_client import Clock
-from adverb_client.wire import ADVERBS
+from adverb_client.wire import ADVERBS, BULK_ADVERBS, encode_bulk_adverbs
 
 from adverb_load import frames
 from adverb_load.client import Load, LoadClient
@@ -187,6 +187,12 @@ async def _steer(actor: ChaosClient) -> None:
         await asyncio.sleep(0.005)
 
 
+async def _steer_many(actor: ChaosClient) -> None:
+    goals, channels = actor.client.goals, list(actor.client.layouts)
+    for message in encode_bulk_adverbs(channels, goals.rows[: len(channels)]) if goals is not None and channels else ():
+        _send(actor, frames.BINARY, message)
+
+
 async def _ping(actor: ChaosClient) -> None:
     actor.client.ping()
 
@@ -230,6 +236,14 @@ async def _odd_adverbs(actor: ChaosClient) -> None:
     number = actor.rng.choice([float("nan"), float("inf"), 3e38, -3e38, 1e-45])
     count = actor.rng.choice([1, 2, 3, 3, 3, 4, 600])
     _send(actor, frames.BINARY, struct.pack(f"<BBH{count}f", ADVERBS, 0, actor.channel(), *[number] * count))
+
+
+async def _odd_many(actor: ChaosClient) -> None:
+    rng = actor.rng
+    width, rows = rng.choice([0, 1, 3, 3, 3, 16]), rng.choice([0, 1, 2, 100])
+    row = struct.pack(f"<HH{width}f", actor.channel(), 0, *[rng.choice([0.0, 0.3, float("nan"), 3e38])] * width)
+    count = rng.choice([rows, rows, rows + 1, 0, 65_535])
+    _send(actor, frames.BINARY, struct.pack("<BBH", BULK_ADVERBS, 0, count) + rows * row + bytes(rng.choice([0, 0, 3])))
 
 
 async def _flood(actor: ChaosClient) -> None:
@@ -279,6 +293,7 @@ ACTIONS: dict[str, tuple[float, Action]] = {
     "switch": (5, _switch),
     "set": (8, _set),
     "steer": (10, _steer),
+    "steer many": (5, _steer_many),
     "ping": (3, _ping),
     "pause": (2, _pause),
     "odd JSON": (6, _odd_json),
@@ -286,6 +301,7 @@ ACTIONS: dict[str, tuple[float, Action]] = {
     "cut JSON": (3, _cut_json),
     "odd binary": (3, _odd_binary),
     "odd adverbs": (3, _odd_adverbs),
+    "odd many": (3, _odd_many),
     "flood": (0.3, _flood),
     "no text": (0.5, _no_text),
     "too long": (0.5, _too_long),

@@ -97,7 +97,7 @@ def _message(content: U8, at: int, size: np.int64, socket: int, now_ns: int, rec
     due_ns = _u32(content, at + 8) | _u32(content, at + 12) << 32
     missing, more = sequence - state[0] - 1, dropped - state[1]
     state[0], state[1], state[2] = sequence, dropped, due_ns
-    totals[6] += abs(missing - more)
+    totals[6] += 1 if missing < 0 else max(0, missing - more)  # dropped messages may have no number
     late_ns = now_ns + state[3] - due_ns
     inside = totals[0] <= due_ns - state[3] < totals[1]
     if inside:

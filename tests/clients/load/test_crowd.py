@@ -67,7 +67,8 @@ def test_messages_are_counted():
 
 
 @pytest.mark.parametrize(
-    ("sequence", "dropped", "gaps", "lost"), [(2, 0, 0, 0), (4, 2, 0, 2), (4, 0, 2, 0), (4, 1, 1, 1)]
+    ("sequence", "dropped", "gaps", "lost"),
+    [(2, 0, 0, 0), (4, 2, 0, 2), (4, 0, 2, 0), (4, 1, 1, 1), (2, 3, 0, 3), (1, 0, 1, 0)],
 )
 def test_missing_messages_are_counted(sequence, dropped, gaps, lost):
     found = counts()

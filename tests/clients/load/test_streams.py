@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from adverb_load.client import Load
+from adverb_load.crowd import run_crowd
 from adverb_load.process import serve
 
 from tests.clients.load import LOAD
@@ -41,6 +43,23 @@ def test_a_load_has_no_gaps_and_no_decode_errors(server, encoding):
     assert found["decoded"] > 0
     assert found["steered"] > 20
     assert found["lateness_ms"]["p50"] > 0
+
+
+@pytest.mark.parametrize(("encoding", "within_m"), [("f32", 1e-5), ("q48", 1e-3), ("q32", 3e-2)])
+@pytest.mark.parametrize(("steer_hz", "bulk"), [(0.0, False), (20.0, False), (20.0, True)])
+def test_the_crowd_client_measures_errors(server, encoding, within_m, steer_hz, bulk):
+    events = not bulk  # both options of a crowd together
+    load = Load(server.url, "reach", encoding, 2, 3, method="corrected", steer_hz=steer_hz, bulk=bulk, events=events)
+    found = run_crowd(load, seconds=1.0, settle_s=0.2, probe=server.cpu_s)
+    assert (found.gaps, found.wrong, found.codes, found.held_back) == (0, 0, {}, 0)
+    assert found.expected == 360
+    assert 90 < found.delivered <= 366  # a busy machine skips ticks
+    assert found.delivered == 3 * found.messages
+    assert found.server_cpu_s > 0
+    assert found.lateness_ms.p50 > 0
+    assert found.steered == 0 if steer_hz == 0 else found.steered > 60
+    assert found.samples > 0
+    assert found.measured_m < within_m
 
 
 def test_the_server_survives_chaos(server):

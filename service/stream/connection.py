@@ -13,15 +13,12 @@ import struct
 import time
 from collections import deque
 from collections.abc import Callable, Coroutine, MutableMapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import orjson
 from starlette.types import Send
 
 from service.stream.kernels import BY_LOOP, CLOSED, DIRECT
-
-if TYPE_CHECKING:
-    from service.stream.session import Session
 
 __all__ = ["BINARY", "TEXT", "TOO_SLOW", "Connection", "DirectConnection", "LoopConnection", "frame_head", "text"]
 
@@ -66,8 +63,6 @@ class Connection:
 
     Attributes
     ----------
-    session : Session or None
-        Its session, from the first command on.
     posted, handled : int
         Messages of the client that were handed to the engine, and of these the ones that it has handled.
     pending : deque
@@ -78,7 +73,6 @@ class Connection:
 
     def __init__(self, loop: asyncio.AbstractEventLoop, cancel: Callable[[], None]) -> None:
         self._loop, self._cancel = loop, cancel
-        self.session: Session | None = None
         self.posted = self.handled = 0
         self.ending: tuple[int, str] | None = None
         self.lost = False

@@ -21,7 +21,7 @@ COMMANDS_S = 0.004
 """Time for commands between two ticks, seconds; the others come after the next tick."""
 
 IDLE_S = 0.05
-"""Longest wait for a command that wakes nobody, seconds."""
+"""Longest wait for a command that does not wake the thread, seconds."""
 
 JOIN_S = 10.0
 

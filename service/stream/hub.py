@@ -79,6 +79,7 @@ class Hub:
         self._groups: dict[tuple[str, int, str], Group] = {}
         self._waiting: set[Session] = set()
         self._closing: set[Connection] = set()
+        self._session_of: dict[Connection, Session] = {}
         self._connections: set[Connection] = set()
         self._renewing: deque[tuple[Channel, Catalog]] = deque()
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
@@ -161,6 +162,7 @@ class Hub:
         """Start a session for a connection, and greet it."""
         session = Session(self._table, slow_s=self.settings.stream_slow_s)
         session.attach(connection)
+        self._session_of[connection] = session
         self._connections.add(connection)
         self.sessions[session.id] = session
         self._send(
@@ -176,7 +178,7 @@ class Hub:
 
     def leave(self, connection: Connection, for_good: bool) -> None:
         """Handle the end of a connection: keep its session for the grace time, or close it."""
-        session, connection.session = connection.session, None
+        session = self._session_of.pop(connection, None)
         if session is None:
             return  # another connection resumed the session
         session.detach(time.monotonic())
@@ -195,7 +197,7 @@ class Hub:
         self._note_waiting(connection)
 
     def _note_waiting(self, connection: Connection) -> None:
-        session = connection.session
+        session = self._session_of.get(connection)
         if connection.pending:
             if session is None:
                 self._closing.add(connection)
@@ -244,7 +246,7 @@ class Hub:
 
     def handle(self, connection: Connection, channel: int | None, message: Any) -> None:
         """Handle a message, or the error of an invalid one; ``channel`` is the one that it names, if any."""
-        session = connection.session
+        session = self._session_of.get(connection)
         connection.handled += 1
         if session is None:
             return
@@ -253,7 +255,7 @@ class Hub:
                 raise message
             self._apply(session, connection, message)
         except (ServiceError, VerbError) as err:
-            self._report(connection.session or session, channel, err)
+            self._report(self._session_of.get(connection, session), channel, err)
         except Exception:
             log.exception("stream message failed", session=session.id)
             detail = "internal error; the server's log has the details"
@@ -261,7 +263,7 @@ class Hub:
 
     def aim(self, connection: Connection, channels: U16, values: F32, whole: bool) -> None:
         """Set the goals of characters; see :meth:`service.stream.session.Session.aim`."""
-        session = connection.session
+        session = self._session_of.get(connection)
         connection.handled += 1
         if session is not None:
             session.aim(channels, values, whole=whole, report=lambda channel, err: self._report(session, channel, err))
@@ -294,6 +296,9 @@ class Hub:
         if found is None or found is session:
             raise UnknownSession("this server has no such session; open the channels again")
         self._forget(session)
+        if found.connection is not None:
+            del self._session_of[found.connection]
+        self._session_of[connection] = found
         found.count_dropped(max(0, found.sequence - message.last_seq))
         found.attach(connection)
         self.ticks.reconnected()

@@ -143,9 +143,7 @@ class Session:
         """Use a connection, and close the one before."""
         if self.connection is not None:
             self.connection.end(TAKEN_OVER, "another connection resumed this session")
-            self.connection.session = None
         self.connection, self.lost_at, self._unread = connection, None, None
-        connection.session = self
         if isinstance(connection, DirectConnection):
             self._table.lines.socket[self.row] = connection.descriptor
         self.refresh()

@@ -91,11 +91,11 @@ class Served:
 
 
 @contextmanager
-def pinned(core: int) -> Iterator[None]:
-    """Run on one core, if it exists; child processes inherit it."""
+def pinned(core: int | None) -> Iterator[None]:
+    """Run on one core, if it exists, or on all of them if None; child processes inherit it."""
     before = os.sched_getaffinity(0)
-    if core in _CORES:
-        os.sched_setaffinity(0, {core})
+    if core is None or core in _CORES:
+        os.sched_setaffinity(0, _CORES if core is None else {core})
     try:
         yield
     finally:
@@ -122,7 +122,7 @@ def serve(
     ------
     StartError
     """
-    with pinned(core) if core is not None else _anywhere():
+    with pinned(core):
         process = subprocess.Popen(
             list(command),
             cwd=cwd,
@@ -141,11 +141,6 @@ def serve(
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
-
-
-@contextmanager
-def _anywhere() -> Iterator[None]:
-    yield
 
 
 def _address(process: subprocess.Popen[bytes], log: list[str]) -> str:

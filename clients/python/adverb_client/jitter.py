@@ -31,6 +31,8 @@ SLOWER, FASTER = 0.20, 0.10
 """Limits by which display time may run slower or faster than real time while the delay changes, as fractions."""
 MAX_STEP = 3.5
 """Two frames further apart than so many intervals give no velocity for extrapolation."""
+GAP_DECAY = 0.9
+"""Factor of the longest time between frames, per frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,7 @@ class JitterBuffer:
 
     def __init__(self, lateness: Lateness, interval_s: float, delays: Delays | None = None) -> None:
         self.interval_s, self.looping = interval_s, False
+        self._gap_s = 0.0  # decaying maximum of the time between frames, where a byte budget leaves some out
         self.late, self.duplicates = 0, 0
         self._lateness, self._delays = lateness, delays or Delays()
         self._times: list[float] = []
@@ -127,7 +130,7 @@ class JitterBuffer:
         with self._lock:
             return self._records[-1] if self._records else None
 
-    def push(self, due_s: float, record: Record) -> None:
+    def push(self, due_s: float, record: Record, *, irregular: bool = False) -> None:
         """Add a frame.
 
         Parameters
@@ -135,6 +138,8 @@ class JitterBuffer:
         due_s : float
             Its due time on the server's clock.
         record : Record
+        irregular : bool
+            Whether a byte budget leaves frames out: the interval is then that of the frames that arrive.
         """
         with self._lock:
             if self._restart_pending:
@@ -143,6 +148,8 @@ class JitterBuffer:
             if at and self._times[at - 1] == due_s:
                 self.duplicates += 1
                 return
+            gap_s = due_s - self._times[-1] if self._times and at == len(self._times) else 0.0
+            self._gap_s = max(gap_s, GAP_DECAY * self._gap_s) if irregular else 0.0
             self.late += due_s < self._shown_s
             self._times.insert(at, due_s)
             self._records.insert(at, record)
@@ -155,6 +162,7 @@ class JitterBuffer:
             self._restart_pending = True
 
     def _forget(self) -> None:
+        self._gap_s = 0.0
         self._times.clear()
         self._records.clear()
         self._lag_s, self._sampled_s, self._shown_s, self._restart_pending = None, -math.inf, -math.inf, False
@@ -164,7 +172,11 @@ class JitterBuffer:
         """The target delay: interval plus lateness, within the bounds."""
         measured = self._lateness.measured()
         late_s = 0.0 if measured is None else measured[1]
-        return min(max(self.interval_s + late_s, self._delays.min_s), self._delays.max_s)
+        return min(max(self._spacing_s + late_s, self._delays.min_s), self._delays.max_s)
+
+    @property
+    def _spacing_s(self) -> float:
+        return max(self.interval_s, self._gap_s)
 
     def sample(self, now_s: float) -> Sample | None:
         """The pose to display at a time.
@@ -214,7 +226,7 @@ class JitterBuffer:
             return self._blended(records[at - 1], records[at], share, shown_s, delay_s, 0.0)
         extrapolated_s = shown_s - times[-1]
         step_s = times[-1] - times[-2] if len(times) > 1 else math.inf
-        if step_s > MAX_STEP * self.interval_s or records[-1].flags & LAST:
+        if step_s > MAX_STEP * self._spacing_s or records[-1].flags & LAST:
             return self._blended(records[-1], records[-1], 1.0, shown_s, delay_s, extrapolated_s)
         share = 1.0 + min(extrapolated_s, self._delays.extrapolate_s) / step_s
         return self._blended(records[-2], records[-1], share, shown_s, delay_s, extrapolated_s)

@@ -238,11 +238,12 @@ class Session:
         due_s = message.time_ns * 1e-9
         self.lateness.add(now_s, due_s)
         self.last_age_s = self.clock.age_s(now_s, due_s)
+        irregular = self.view is not None and "budget_kbps" in self.view
         for record in message.records():
             self.stats.records += 1
             channel = self.channels.get(record.channel)
             if channel is not None and channel.opened is not None:  # else: a record of a closed channel
-                channel.buffer.push(due_s, record)
+                channel.buffer.push(due_s, record, irregular=irregular)
                 channel.pending_phase = None
 
     def _text(self, content: str, now_s: float) -> None:

@@ -30,6 +30,7 @@ class Line:
         self.lateness = Lateness(quantile=quantile)
         self.buffer = JitterBuffer(self.lateness, STEP, delays)
         self.buffer.looping = True
+        self.irregular = False
         self.coming: list[tuple[float, float, Record]] = []
 
     def send(self, k: int, late_s: float = 0.0, **kw):
@@ -41,7 +42,7 @@ class Line:
         while self.coming and self.coming[0][0] <= now:
             at, due, frame = self.coming.pop(0)
             self.lateness.add(at, due)
-            self.buffer.push(due, frame)
+            self.buffer.push(due, frame, irregular=self.irregular)
 
     def show(self, times):
         found = []
@@ -122,6 +123,21 @@ def test_lost_frames_are_interpolated():
             line.send(k)
     for now, sample in zip(times(0.6, 1.8), line.show(times(0.6, 1.8)), strict=True):
         assert sample.root[0] == pytest.approx(now - TRANSIT - sample.delay_s, abs=1e-5)
+
+
+def test_frames_that_a_budget_leaves_out_delay_the_display_instead_of_extrapolation():
+    for irregular in (True, False):
+        line = Line()
+        line.irregular = irregular
+        for k in range(0, 240, 8):  # 7.5 frames a second
+            line.send(k)
+        shown = times(2.0, 3.8)
+        samples = line.show([*times(0.1, 2.0), *shown])[-len(shown) :]
+        assert any(sample.extrapolated_s > 0.0 for sample in samples) is not irregular
+        if irregular:
+            assert [sample.delay_s for sample in samples] == pytest.approx([8 * STEP] * len(samples), abs=2e-3)
+            at = [sample.server_time_s - SERVER for sample in samples]
+            assert [float(sample.root[0]) for sample in samples] == pytest.approx(at, abs=1e-5)
 
 
 def test_reordered_frames_are_sorted_and_duplicates_counted():

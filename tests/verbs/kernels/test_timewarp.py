@@ -67,3 +67,23 @@ def test_blended_keytimes_are_exact_at_an_example():
     keytimes = np.empty(4)
     timewarp.blend_keytimes(np.eye(7)[2], logs, keytimes)
     np.testing.assert_allclose(np.diff(keytimes), np.exp(logs[2]), rtol=1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(lengths, st.integers(0, 9), st.floats(-0.5, 1.5))
+def test_a_guess_changes_nothing_but_the_number_of_steps(steps, seed, guess):
+    knots, values = knots_and_values(steps, seed)
+    tangents = np.empty(len(knots))
+    timewarp.slopes(knots, values, False, tangents)
+    for time in np.linspace(0, values[-1], 31):
+        found = timewarp.phase_near(knots, values, tangents, time, guess)
+        assert timewarp.time_at(knots, values, tangents, found) == pytest.approx(time, abs=1e-12 * values[-1])
+    for knot, value in zip(knots, values, strict=True):
+        assert timewarp.phase_near(knots, values, tangents, value, guess) == knot
+
+
+def test_the_phase_of_no_time_is_no_phase():
+    knots, values = knots_and_values([0.3, 0.5], 0)
+    tangents = np.empty(3)
+    timewarp.slopes(knots, values, False, tangents)
+    assert np.isnan(timewarp.phase_at(knots, values, tangents, np.nan))

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from verbs.conventions import F64, I64
-from verbs.kernels.character_state import Records
+from verbs.conventions import F32, F64, I64
+from verbs.kernels.character_state import Crowd, Records, displayed
 from verbs.kernels.compile import kernel
+from verbs.kernels.crowd_pose import Curves, blend_sorted, finish_double, share, sums
 from verbs.kernels.pose import multiply
 
-__all__ = ["apply", "begin", "step_back"]
+__all__ = ["apply", "begin", "place", "place_row", "poses", "redisplay", "step_back"]
 
 
 @kernel
@@ -111,8 +112,39 @@ def _unwrap(vector: F64, near: F64) -> None:
 
 
 @kernel
+def place(
+    x: float, z: float, heading: float, striding: bool, root: F64, rotation: F64, scratch: tuple[F64, F64]
+) -> None:
+    """Move a root (3,), (4,) to a position in the world, which is all of its travel where it strides.
+
+    ``scratch`` are two arrays (4,).
+    """
+    turn, local = scratch
+    cosine, sine = np.cos(heading), np.sin(heading)
+    across, along = (0.0, 0.0) if striding else (root[0], root[2])
+    root[0], root[2] = x + across * cosine + along * sine, z - across * sine + along * cosine
+    turn[0], turn[1], turn[2], turn[3] = 0.0, np.sin(0.5 * heading), 0.0, np.cos(0.5 * heading)
+    local[:] = rotation
+    multiply(turn, local, rotation)
+
+
+@kernel
+def place_row(state: Any, striding: bool, row: F32) -> None:
+    """:func:`place` for the root and first rotation of a row (4 + 4·J,) in single precision, by one ``state``."""
+    x, z = (0.0, 0.0) if striding else (np.float64(row[0]), np.float64(row[2]))
+    if state["heading"] != 0.0:
+        sine, cosine = np.sin(0.5 * state["heading"]), np.cos(0.5 * state["heading"])
+        over, whole = 2.0 * sine * cosine, 1.0 - 2.0 * sine * sine
+        x, z = x * whole + z * over, z * whole - x * over
+        a, b, c, d = np.float64(row[4]), np.float64(row[5]), np.float64(row[6]), np.float64(row[7])
+        row[4], row[5] = cosine * a + sine * c, cosine * b + sine * d
+        row[6], row[7] = cosine * c - sine * a, cosine * d - sine * b
+    row[0], row[2] = state["x"] + x, state["z"] + z
+
+
+@kernel
 def apply(
-    slots: I64, step_s: float, state: Records, offsets: F64, shown: F64, striding: bool, root: F64, rotations: F64
+    slots: I64, step_s: float, state: Records, offsets: F64, frames: F64, striding: bool, root: F64, rotations: F64
 ) -> None:
     """Move poses (B, 3), (B, J, 4) into the world, add the offsets of transitions, and store the displayed frames.
 
@@ -120,34 +152,80 @@ def apply(
 
     Parameters
     ----------
-    offsets : (C, 2, 3 + 3·J) float64
-        See :func:`begin`.
-    shown : (C, 2, 3 + 4·J) float64
-        The last two frames of each character; moved on by one. Where a character appears, both are that frame.
+    offsets : (S, 2, 3 + 3·J) float64
+        See :func:`begin`; in the row that ``state`` names as ``held``.
+    frames : (S, 2, 3 + 4·J) float64
+        The last two frames of each character, in the same row; moved on by one. Where a character appears, both are
+        that frame.
     striding : bool
         Whether the character's position is all of the root's travel.
     """
     joints = rotations.shape[1]
     rotation, local = np.zeros(4), np.empty(4)
     for b in range(slots.shape[0]):
-        s = slots[b]
-        row = state[s]
-        cosine, sine = np.cos(row["heading"]), np.sin(row["heading"])
-        x, z = (0.0, 0.0) if striding else (root[b, 0], root[b, 2])
-        root[b, 0], root[b, 2] = row["x"] + x * cosine + z * sine, row["z"] - x * sine + z * cosine
-        rotation[0], rotation[1], rotation[2] = 0.0, np.sin(0.5 * row["heading"]), 0.0
-        rotation[3] = np.cos(0.5 * row["heading"])
-        local[:] = rotations[b, 0]
-        multiply(rotation, local, rotations[b, 0])
+        row = state[slots[b]]
+        s = row["held"]
+        row["calm"] = row["calm"] + 1 if row["share"] == 0.0 else 0
+        place(row["x"], row["z"], row["heading"], striding, root[b], rotations[b, 0], (rotation, local))
         if row["transition_s"] > 0.0:
             _decay(step_s, row, offsets[s], rotation, local, root[b], rotations[b])
-        shown[s, 0] = shown[s, 1]
-        shown[s, 1, :3] = root[b]
+            if row["transition_s"] > 0.0:
+                row["calm"] = 0
+        frames[s, 0] = frames[s, 1]
+        frames[s, 1, :3] = root[b]
         for j in range(joints):
-            shown[s, 1, 3 + 4 * j : 7 + 4 * j] = rotations[b, j]
+            frames[s, 1, 3 + 4 * j : 7 + 4 * j] = rotations[b, j]
         if row["fresh"] == 1.0:  # its appearance is no movement
-            shown[s, 0] = shown[s, 1]
-        row["step_s"], row["fresh"] = step_s, 0.0
+            frames[s, 0] = frames[s, 1]
+        displayed(step_s, row)
+
+
+@kernel
+def poses(slots: I64, chosen: I64, crowd: Crowd, curves: Curves, striding: bool, root: F64, rotations: F64) -> None:
+    """Poses in the world of the characters ``slots[chosen]``, to rows ``chosen`` of ``root`` and ``rotations``.
+
+    For characters without offsets: their poses follow from weights, phase and position. ``root`` is (B, 3),
+    ``rotations`` (B, J, 4), both float64.
+    """
+    state, weights = crowd.state, crowd.weights
+    size = chosen.shape[0]
+    own, phases = np.empty((size, weights.shape[2])), np.empty(size)
+    roots, turns = np.empty((size, 3)), np.empty((size, rotations.shape[1], 4))
+    for c in range(size):
+        row = state[slots[chosen[c]]]
+        own[c], phases[c] = weights[slots[chosen[c]], row["weights"]], row["phase"]
+    blend_sorted(own, phases, curves, roots, turns)
+    scratch = np.zeros(4), np.empty(4)
+    for c in range(size):
+        row, b = state[slots[chosen[c]]], chosen[c]
+        place(row["x"], row["z"], row["heading"], striding, roots[c], turns[c, 0], scratch)
+        root[b], rotations[b] = roots[c], turns[c]
+
+
+@kernel
+def redisplay(slots: I64, crowd: Crowd, curves: Curves, striding: bool, frames: F64) -> None:
+    """The last two frames (n, 2, 3 + 4·J), latest last, of characters that show weights, phase and position alone."""
+    state, weights = crowd.state, crowd.weights
+    rows, intervals, mode, references = curves
+    shares, row, taps = np.empty((1, 4 * weights.shape[2])), np.empty((1, rows.shape[1])), np.empty(4)
+    root, rotations, scratch = np.empty(3), np.empty((references.shape[0], 4)), (np.zeros(4), np.empty(4))
+    where = np.empty(1, np.int64)
+    for b in range(slots.shape[0]):
+        s = slots[b]
+        one = state[s]
+        for k in range(2):
+            if k == 1:
+                which, phase = one["weights_1"], one["phase_1"]
+                x, z, heading = one["x_1"], one["z_1"], one["heading_1"]
+            else:
+                which, phase = one["weights_2"], one["phase_2"]
+                x, z, heading = one["x_2"], one["z_2"], one["heading_2"]
+            where[0] = share(weights[s, which], phase, intervals, taps, shares[0])
+            sums(shares, where, rows, row)
+            finish_double(row[0], mode, references, root, rotations)
+            place(x, z, heading, striding, root, rotations[0], scratch)
+            frames[b, k, :3] = root
+            frames[b, k, 3:] = rotations.reshape(rotations.size)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Weights and phases to poses: curve sampling, blending, forward kinematics; all loops over a leading batch axis.
+"""Parts of poses: curve sampling, rotations, forward kinematics, roots that stride; batches have a leading axis.
 
 Curves are uniform cubic B-splines over canonical time, one row per coefficient and example:
 ``curves`` is (K + 3, N, 4 + 4·J) float32, where K is the number of intervals; a row contains the root position and a
@@ -10,9 +10,11 @@ Source: Rose, Sloan, Cohen 2001, equation 3; the rotation part as ``docs/math.md
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from verbs.conventions import F32, F64, I64
+from verbs.conventions import F64, I64
 from verbs.kernels.compile import kernel
 
 __all__ = [
@@ -20,9 +22,8 @@ __all__ = [
     "NLERP",
     "ROTATION_VECTOR",
     "STRIDE",
-    "blend",
-    "blend_single",
     "forward",
+    "global_rotations",
     "spline_taps",
     "stride_to",
 ]
@@ -98,87 +99,6 @@ def finish_rotation(mode: int, reference: F64, q: F64) -> float:
 
 
 @kernel
-def blend(weights: F64, phases: F64, curves: F32, mode: int, references: F64, root: F64, rotations: F64) -> None:
-    """Blend one pose per batch entry.
-
-    Parameters
-    ----------
-    weights : (B, N) float64
-        Weights of the examples; each row sums to 1.
-    phases : (B,) float64
-        Canonical time, 0 to 1.
-    curves : (K + 3, N, 4 + 4·J) float32
-        Coefficients, see the module's text.
-    mode : int
-        ``NLERP`` or ``ROTATION_VECTOR``.
-    references : (J, 4) float64
-        Reference rotation of each joint.
-    root : (B, 3) float64
-        Written: root position.
-    rotations : (B, J, 4) float64
-        Written: local rotations, unit quaternions.
-    """
-    width = curves.shape[2]
-    taps, row = np.empty(4), np.empty(width)
-    for b in range(weights.shape[0]):
-        first = spline_taps(phases[b], curves.shape[0] - 3, taps)
-        row[:] = 0.0
-        for i in range(weights.shape[1]):
-            weight = weights[b, i]
-            t0, t1, t2, t3 = weight * taps[0], weight * taps[1], weight * taps[2], weight * taps[3]
-            s0, s1, s2, s3 = curves[first, i], curves[first + 1, i], curves[first + 2, i], curves[first + 3, i]
-            for c in range(width):
-                row[c] += t0 * s0[c] + t1 * s1[c] + t2 * s2[c] + t3 * s3[c]
-        for a in range(3):
-            root[b, a] = row[a]
-        for j in range(references.shape[0]):
-            for a in range(4):
-                rotations[b, j, a] = row[4 + 4 * j + a]
-            finish_rotation(mode, references[j], rotations[b, j])
-
-
-@kernel
-def _unit(row: F32, references: F64, rotations: F64) -> None:
-    """Unit quaternions (J, 4) of blended rows, after the root's four numbers; as :func:`finish_rotation` by NLERP."""
-    for j in range(references.shape[0]):
-        at = 4 + 4 * j
-        x, y, z, w = np.float64(row[at]), np.float64(row[at + 1]), np.float64(row[at + 2]), np.float64(row[at + 3])
-        squared = x * x + y * y + z * z + w * w
-        if squared < SHORTEST * SHORTEST:
-            rotations[j] = references[j]
-        else:
-            scale = 1.0 / np.sqrt(squared)
-            rotations[j, 0], rotations[j, 1], rotations[j, 2], rotations[j, 3] = (
-                scale * x,
-                scale * y,
-                scale * z,
-                scale * w,
-            )
-
-
-@kernel
-def blend_single(weights: F64, phases: F64, curves: F32, mode: int, references: F64, root: F64, rotations: F64) -> None:
-    """:func:`blend`, with sums in single precision: half the work, and as exact as the numbers that are sent."""
-    width, count = curves.shape[2], curves.shape[1]
-    taps, shares, row = np.empty(4), np.empty(4 * count, np.float32), np.empty(width, np.float32)
-    for b in range(weights.shape[0]):
-        first = spline_taps(phases[b], curves.shape[0] - 3, taps)
-        for tap in range(4):
-            for i in range(count):
-                shares[tap * count + i] = taps[tap] * weights[b, i]
-        np.dot(shares, curves[first : first + 4].reshape(4 * count, width), row)
-        for a in range(3):
-            root[b, a] = row[a]
-        if mode == NLERP:
-            _unit(row, references, rotations[b])
-            continue
-        for j in range(references.shape[0]):
-            for a in range(4):
-                rotations[b, j, a] = row[4 + 4 * j + a]
-            finish_rotation(mode, references[j], rotations[b, j])
-
-
-@kernel
 def forward(root: F64, rotations: F64, parents: I64, offsets: F64, global_rotations: F64, positions: F64) -> None:
     """Global rotations (B, J, 4) and positions (B, J, 3) of poses: root (B, 3), local rotations (B, J, 4)."""
     for b in range(root.shape[0]):
@@ -189,6 +109,15 @@ def forward(root: F64, rotations: F64, parents: I64, offsets: F64, global_rotati
             multiply(global_rotations[b, parent], rotations[b, j], global_rotations[b, j])
             positions[b, j] = positions[b, parent]
             add_rotated(global_rotations[b, parent], offsets[j], positions[b, j])
+
+
+@kernel
+def global_rotations(rotations: Any, parents: I64, out: F64) -> None:
+    """Global rotations (J, 4) of one pose's local ones (J, 4), of any precision."""
+    for a in range(4):
+        out[0, a] = rotations[0, a]
+    for j in range(1, parents.shape[0]):
+        multiply(out[parents[j]], rotations[j], out[j])
 
 
 @kernel

@@ -7,25 +7,30 @@ poses result, in a few compiled calls for any number of characters.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from verbs.blend.corrected import Corrected
-from verbs.conventions import F64, I64
+from verbs.conventions import F32, F64, I64
 from verbs.errors import OutOfRange
 from verbs.kernels import character_state, inertialization
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
-from verbs.kernels.character_state import PROGRESS, FollowProblem, Records
+from verbs.kernels.character_state import PROGRESS, Advanced, Crowd, Records
 from verbs.kernels.compile import direct
+from verbs.kernels.corrected_position import Blended
+from verbs.kernels.following import NO_WINDOW, FollowProblem, follow
 from verbs.runtime import transition
-from verbs.runtime.character_pool import CharacterPool, Frames
-from verbs.runtime.evaluate import Blend, Evaluator
+from verbs.runtime.character_pool import CharacterPool, Frames, Step
+from verbs.runtime.evaluate import Blend, Evaluator, blend_poses
 
-__all__ = ["HALF_LIFE_S", "MAX_SPEED", "MAX_TRANSITION_S", "RESTART_S", "VERSION_S", "Characters", "Frames"]
+__all__ = ["HALF_LIFE_S", "MAX_SPEED", "MAX_TRANSITION_S", "RESTART_S", "VERSION_S", "Characters", "Frames", "Step"]
 
-_advance, _follow = direct(character_state.advance), direct(character_state.follow)
+_steer, _gather, _keep = (direct(one) for one in (character_state.steer, character_state.gather, character_state.keep))
+_advance, _follow, _walk = (direct(one) for one in (character_state.advance, follow, character_state.walk))
+_copy_single, _copy_double = direct(character_state.copy_rows), direct(character_state.copy_rows)
+_poses = direct(inertialization.poses)
+_apply, _redisplay = direct(inertialization.apply), direct(inertialization.redisplay)
 
 HALF_LIFE_S = 0.1
 MAX_SPEED = 10.0
@@ -64,7 +69,10 @@ class Characters(CharacterPool):
         self.evaluator = evaluator
         self.method, prepared = evaluator.method(method)
         self.window = evaluator.follow_window() if isinstance(prepared, Corrected) else None
-        self._striding = self.verb.root_motion == poses.STRIDE
+        self.striding = self.verb.root_motion == poses.STRIDE
+        self.curves = evaluator.curves
+        joints, count = len(self.verb.skeleton), len(self.verb.examples)
+        self._nothing = np.zeros((0, count)), np.zeros((0, 3)), np.zeros((0, joints, 4))
         self._following: FollowProblem | None = None
         if self.window and isinstance(prepared, Corrected):
             self._following = _follow_problem(prepared, self.window)
@@ -106,10 +114,10 @@ class Characters(CharacterPool):
         row = self.row(adverbs)
         slot = self._take()
         self.state["speed"][slot] = self.state["fresh"][slot] = 1.0
-        self.goals[slot] = row
-        self._shown[slot] = self.verb.domain.chart.points(row[None])[0]
-        self._velocity[slot] = 0.0
-        self._known[slot] = 0
+        crowd = self.crowd
+        crowd.goals[slot] = crowd.seen[slot] = row
+        crowd.targets[slot] = crowd.shown[slot] = self.verb.domain.chart.points(row[None])[0]
+        crowd.velocity[slot], crowd.known[slot] = 0.0, 0
         try:
             loops = self.verb.looping if looping is None else looping
             self.set(
@@ -141,6 +149,11 @@ class Characters(CharacterPool):
         """Give a character another goal: checked adverbs (D,)."""
         self.goals[slot] = row
 
+    def aim_many(self, slots: I64, rows: F64 | F32) -> None:
+        """Give characters (n,) other goals (n, D), float32 or float64, which the caller has checked to be finite."""
+        copy = _copy_single if rows.dtype == np.float32 else _copy_double
+        copy(np.ascontiguousarray(slots, np.int64), np.ascontiguousarray(rows), self.goals)
+
     def set(
         self,
         slot: int,
@@ -162,7 +175,7 @@ class Characters(CharacterPool):
             if value is not None and not low <= value <= high:  # NaN compares false, so this catches it as well
                 raise OutOfRange(f"{name} is {value}; it must lie between {low:g} and {high:g}")
         if phase is not None:
-            row["phase"], row["fresh"] = phase, 1.0
+            row["phase"], row["seconds"], row["fresh"] = phase, np.nan, 1.0
         if speed is not None:
             row["speed"] = speed
         if playing is not None:
@@ -181,17 +194,41 @@ class Characters(CharacterPool):
     def step(self, slots: I64, step_s: float) -> Frames:
         """The next frame of the characters in ``slots`` (B,), each at most once, ``step_s`` > 0 seconds on."""
         slots = np.ascontiguousarray(slots, np.int64)
-        size = len(slots)
-        adverbs, blend = self._blend(slots, step_s)
-        progress = np.empty(size, PROGRESS)
-        self._advance(slots, step_s, self.state, blend.weights, progress)
-        if len(over := np.flatnonzero(progress["restarted"])):
-            self._restart(slots[over], step_s)
-        if self._following and character_state.any_following(slots, self.state):
-            self._follow(slots, step_s, self.state, adverbs, blend)
-        displayed = self.state, self._offsets, self._last
-        root, rotations = self._pose(slots, step_s, displayed, blend.weights, progress)
-        return Frames(blend, progress, root, rotations, self.state["transition_s"][slots] > 0)
+        step = self.advance(slots, step_s)
+        crowd, size = self.crowd, len(slots)
+        weights = crowd.weights[slots, crowd.state["weights"][slots]]
+        root, rotations = np.empty((size, 3)), np.empty((size, len(self.verb.skeleton), 4))
+        _poses(slots, step.complete, crowd, self.curves, self.striding, root, rotations)
+        if len(step.rest):
+            weights[step.rest], root[step.rest], rotations[step.rest] = step.weights, step.root, step.rotations
+        blend = Blend(self.method, weights, crowd.measured[slots], step.error, step.clamped)
+        return Frames(blend, step.progress, root, rotations, step.in_transition)
+
+    def advance(self, slots: I64, step_s: float) -> Step:
+        """Move characters (B,) by one step, without computing the poses that are sums of curves alone.
+
+        Parameters
+        ----------
+        slots : (B,) int64
+            C-contiguous; each at most once.
+        step_s : float
+            Seconds, above 0.
+        """
+        frame, counts = self._move(self.crowd, slots, step_s)
+        complete, rest = frame.complete[: counts[0]], frame.rest[: counts[1]]
+        if not len(rest):
+            return Step(*frame[:4], complete, rest, *self._nothing)
+        among, progress = slots[rest], frame.progress[rest]
+        if counts[2]:
+            self._restart(among[progress["restarted"] > 0.0], step_s)
+        held = self.state["held"][among]
+        enter = among[held < 0]
+        self._hold(enter, self._displayed(enter))
+        error = frame.error[rest]
+        found = self._pose(self.crowd, among, step_s, (self.stored.offsets, self.stored.frames), progress, error)
+        frame.error[rest], frame.in_transition[rest] = error, self.state["transition_s"][among] > 0
+        self._release(among[self.state["calm"][among] >= 2])
+        return Step(*frame[:4], complete, rest, *found)
 
     def go_on(
         self,
@@ -245,24 +282,26 @@ class Characters(CharacterPool):
         if was["fresh"] == 1.0 and was["step_s"] == 0.0:
             return new  # the other has had no frame yet
         if same:  # both have the same goal, so compare the next frames of both
-            self._last[new], row["fresh"] = other._ahead(np.array([slot]), passing=True)[0], 0.0
-            inertialization.step_back(self._last[new])
+            last, row["fresh"] = other._ahead(np.array([slot]), passing=True), 0.0
+            inertialization.step_back(last[0])
         else:
-            self._last[new], row["fresh"] = other._last[slot], 2.0
+            last, row["fresh"] = other._displayed(np.array([slot])), 2.0
             self._stand(new, other.world(slot))
+        self._hold(np.array([new]), last)
         self._begin(new, self._ahead(np.array([new]))[0], transition_s)
         return new
 
     def world(self, slot: int) -> tuple[float, float, float]:
         """Position of a character's root in its last frame: x, z (m) and heading (rad)."""
-        last = self._last[slot, 1]
-        turn = float(self.state["heading"][slot]) if self._striding else transition.heading(last[3:7])
+        last = self._displayed(np.array([slot]))[0, 1]
+        turn = float(self.state["heading"][slot]) if self.striding else transition.heading(last[3:7])
         return float(last[0]), float(last[2]), turn
 
     def warm(self) -> None:
         """Compile or load every kernel that a step may need."""
         slots = np.array([self.add(playing=False)])
-        for _ in range(2):
+        for kind in (np.float32, np.float64):
+            self.aim_many(slots, self.goals[slots].astype(kind))
             self.step(slots, 0.01)
         if self.window:
             self.set(int(slots[0]), phase=self.window[0])
@@ -275,51 +314,49 @@ class Characters(CharacterPool):
         for slot in (after, int(slots[0])):
             self.remove(slot)
 
-    def _blend(self, slots: I64, step_s: float) -> tuple[F64, Blend]:
-        """Adverbs (B, D) that are displayed now, and their blend; evaluated only where they moved."""
-        chart, size = self.verb.domain.chart, len(slots)
-        points, moved = np.empty((size, len(self.verb.adverbs))), np.empty(size, np.int64)
-        goals = chart.points(self.goals[slots])
-        count = character_state.steer(
-            slots, step_s, self.state, goals, self._shown, self._velocity, self._known, points, moved
-        )
-        adverbs = chart.adverbs(points)
-        self._seen[slots] = self.goals[slots]
+    def _move(self, crowd: Crowd, slots: I64, step_s: float) -> tuple[Advanced, tuple[int, int, int]]:
+        """Steer, blend and advance characters of any crowd of this verb; see :func:`character_state.advance`."""
+        size = len(slots)
+        moved = np.empty(size, np.int64)
+        count = _steer(slots, step_s, crowd, self.verb.domain.chart.arrays, moved)
+        clock = self.evaluator.goal.clock
         if count:
-            rows = moved[:count]
-            fresh = self.evaluator.blend(adverbs[rows], method=self.method)
-            if count == size:
-                self._keep(slots, fresh)
-                return adverbs, fresh
-            self._keep(slots[rows], fresh)
-        return adverbs, self._kept(slots)
+            points = np.empty((count, crowd.shown.shape[1]))
+            _gather(slots, moved[:count], crowd.shown, points)
+            blend = self._blend_points(points)
+            fresh = Blended(
+                np.ascontiguousarray(blend.weights), blend.measured, blend.error, blend.clamped.astype(np.float64)
+            )
+            _keep(slots, moved[:count], fresh, clock, crowd)
+        flags, which = np.empty((2, size), np.bool_), np.empty((2, size), np.int64)
+        frame = Advanced(np.empty(size, PROGRESS), np.empty(size), *flags, *which)
+        window = self.window if self.window and self._following else NO_WINDOW
+        return frame, _advance(slots, step_s, crowd, clock, self.verb.strides, window, frame)
 
-    def _keep(self, slots: I64, blend: Blend) -> None:
-        self._weights[slots], self._measured[slots] = blend.weights, blend.measured
-        self._error[slots], self._clamped[slots] = blend.error, blend.clamped
-
-    def _kept(self, slots: I64) -> Blend:
-        kept = self._weights[slots], self._measured[slots], self._error[slots], self._clamped[slots] > 0
-        return Blend(self.method, *kept)
+    def _blend_points(self, points: F64) -> Blend:
+        """Blends at normalised chart coordinates (n, D)."""
+        return self.evaluator.blend(self.verb.domain.chart.adverbs(points), method=self.method)
 
     def _steer_as(self, slot: int, other: Characters, whose: int) -> None:
         """Give a character the displayed point and velocity of another of the same adverbs."""
         to, source = self.verb.domain.chart, other.verb.domain.chart
-        at, velocity, instant = other._shown[whose][None], other._velocity[whose], 1e-3
-        self._shown[slot] = to.points(source.adverbs(at))[0]
-        self._velocity[slot] = (to.points(source.adverbs(at + instant * velocity))[0] - self._shown[slot]) / instant
+        at, velocity, instant = other.crowd.shown[whose][None], other.crowd.velocity[whose], 1e-3
+        shown = self.crowd.shown[slot] = to.points(source.adverbs(at))[0]
+        self.crowd.velocity[slot] = (to.points(source.adverbs(at + instant * velocity))[0] - shown) / instant
 
     def _stand(self, slot: int, at: tuple[float, float, float]) -> None:
         """Put a character's next frame at a position (x, z, heading)."""
         row = self.state[slot]
         row["x"] = row["z"] = row["heading"] = 0.0
         first = self._ahead(np.array([slot]))[0, 0]
-        turn = 0.0 if self._striding else transition.heading(first[3:7])
+        turn = 0.0 if self.striding else transition.heading(first[3:7])
         row["x"], row["z"], row["heading"] = transition.aligned(at, np.array([first[0], first[2], turn]))
 
     def _restart(self, slots: I64, step_s: float) -> None:
         """Let motions that started over pass from their progress to their starts, a jump from where it led."""
         self.state["step_s"][slots] = step_s
+        enter = slots[self.state["held"][slots] < 0]
+        self._hold(enter, self._displayed(enter))
         if self.verb.measure.kind == measures.JUMP:
             for slot in slots.tolist():
                 self._stand(slot, self.world(slot))
@@ -328,65 +365,69 @@ class Characters(CharacterPool):
             self._begin(slot, ahead, RESTART_S)
 
     def _begin(self, slot: int, ahead: F64, transition_s: float) -> None:
-        """Start a transition from the last frames to the two of the motion that is ahead."""
+        """Start a transition from the stored frames to the two of the motion that is ahead."""
         row = self.state[slot]
-        row["since_s"], row["transition_s"] = 0.0, transition_s
+        row["since_s"], row["transition_s"], row["calm"] = 0.0, transition_s, 0
+        frames, offsets = self.stored.frames[row["held"]], self.stored.offsets[row["held"]]
         if transition_s > 0:
-            inertialization.begin(row["step_s"], self._last[slot], ahead, self._offsets[slot])
+            inertialization.begin(row["step_s"], frames, ahead, offsets)
         else:
-            self._last[slot] = ahead[0]
+            frames[:] = ahead[0]
+
+    def _displayed(self, slots: I64) -> F64:
+        """The last two frames (n, 2, 3 + 4·J), latest last; zeros before the first."""
+        frames = np.zeros((len(slots), 2, 3 + 4 * len(self.verb.skeleton)))
+        held, known = self.state["held"][slots], self.crowd.known[slots] > 0
+        stored = held >= 0
+        frames[stored] = self.stored.frames[held[stored]]
+        if len(again := np.flatnonzero(~stored & known)):
+            found = frames[again]
+            _redisplay(slots[again], self.crowd, self.curves, self.striding, found)
+            frames[again] = found
+        return frames
 
     def _ahead(self, slots: I64, *, passing: bool = False) -> F64:
         """Poses of characters now, and a step on (B, 2, 3 + 4·J); without their transitions unless ``passing``.
 
         Their last steps were of the same length.
         """
-        size, verb = len(slots), self.verb
-        state, shown, velocity = self.state[slots], self._shown[slots], self._velocity[slots]
-        step_s, chart, known = float(state["step_s"][0]), verb.domain.chart, self._known[slots]
+        size, rows = len(slots), np.arange(len(slots))
+        crowd = Crowd._make(column[slots] for column in self.crowd)
+        state, held = crowd.state, crowd.state["held"].copy()
+        step_s = float(state["step_s"][0])
+        frames, offsets = (np.zeros((size, *whole.shape[1:])) for whole in (self.stored.frames, self.stored.offsets))
+        offsets[held >= 0] = self.stored.offsets[held[held >= 0]]
         state["transition_s"] *= passing
         state["fresh"] = 2.0 * (state["fresh"] > 0)  # both frames are steps, the first of 0 s
-        goals, points = chart.points(self.goals[slots]), np.empty_like(shown)
-        progress = np.empty(size, PROGRESS)
-        last, rows, moved = np.zeros((size, *self._last.shape[1:])), np.arange(size), np.empty(size, np.int64)
-        kept, offsets = self._kept(slots), self._offsets[slots]
+        state["held"] = rows
         for step in (0.0, step_s):
-            if character_state.steer(rows, step, state, goals, shown, velocity, known, points, moved):
-                kept = self.evaluator.blend(chart.adverbs(points), method=self.method)
-            blend = kept
-            self._advance(rows, step, state, blend.weights, progress)
-            if self._following and character_state.any_following(rows, state):
-                blend = replace(kept, weights=kept.weights.copy(), error=kept.error.copy())
-                self._follow(rows, step, state, chart.adverbs(points), blend)
-            self._pose(rows, step, (state, offsets, last), blend.weights, progress)
-        return last
-
-    def _advance(self, slots: I64, step_s: float, state: Records, weights: F64, progress: Records) -> None:
-        _advance(slots, step_s, state, weights, self.evaluator.goal.clock, progress)
+            frame, _ = self._move(crowd, rows, step)
+            self._pose(crowd, rows, step, (offsets, frames), frame.progress, frame.error)
+        return frames
 
     def _pose(
-        self, slots: I64, step_s: float, displayed: tuple[Records, F64, F64], weights: F64, progress: Records
-    ) -> tuple[F64, F64]:
-        """Root (B, 3) and rotations (B, J, 4) in the world; ``displayed`` are state, offsets and last frames."""
-        verb, (state, offsets, last) = self.verb, displayed
-        root, rotations = np.empty((len(slots), 3)), np.empty((len(slots), len(verb.skeleton), 4))
-        if self._striding:
-            character_state.walk(slots, state, weights, verb.strides, progress)
-        phases = np.ascontiguousarray(progress["phase"])
-        poses.blend_single(weights, phases, verb.curves, verb.rotation_mode, verb.references, root, rotations)
-        inertialization.apply(slots, step_s, state, offsets, last, self._striding, root, rotations)
-        return root, rotations
+        self, crowd: Crowd, slots: I64, step_s: float, stored: tuple[F64, F64], progress: Records, error: F64
+    ) -> tuple[F64, F64, F64]:
+        """Weights (B, N), roots (B, 3) and rotations (B, J, 4) in the world of characters with stored frames.
 
-    def _follow(self, slots: I64, step_s: float, state: Records, adverbs: F64, blend: Blend) -> None:
-        """Correct the weights of characters that are paused in the follow window, in place."""
-        goal, inside = self.evaluator.goal, self.evaluator.clamp(adverbs)[0]
-        targets = goal.points(inside), goal.points(adverbs)
-        assert self._following is not None  # else no character follows
-        _follow(slots, step_s, state, targets, blend.weights, blend.error, self._following)
+        ``stored`` are their offsets and frames. Where they follow a goal, the error (B,) becomes that of the pose.
+        """
+        state = crowd.state
+        weights = crowd.weights[slots, state["weights"][slots]]
+        if self._following:
+            goal, adverbs = self.evaluator.goal, self.verb.domain.chart.adverbs(crowd.shown[slots])
+            targets = goal.points(self.evaluator.clamp(adverbs)[0]), goal.points(adverbs)
+            _follow(slots, step_s, state, targets, weights, error, self._following)
+        if self.striding:
+            _walk(slots, state, weights, self.verb.strides, progress)
+        root, rotations = np.empty((len(slots), 3)), np.empty((len(slots), len(self.verb.skeleton), 4))
+        blend_poses(weights, np.ascontiguousarray(progress["phase"]), self.curves, root, rotations)
+        _apply(slots, step_s, state, *stored, self.striding, root, rotations)
+        return weights, root, rotations
 
 
 def _follow_problem(method: Corrected, window: tuple[float, float]) -> FollowProblem:
-    """Everything that :func:`verbs.kernels.character_state.follow` needs of a verb."""
+    """Everything that :func:`verbs.kernels.following.follow` needs of a verb."""
     verb, chain = method.goal.verb, method.goal.chain
     joints = verb.skeleton.chain(verb.measure.effector)[:-1]
     return FollowProblem(*window, verb.curves, joints, method.correction, chain.mode, chain.references, chain.offsets)

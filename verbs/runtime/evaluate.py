@@ -21,12 +21,14 @@ from verbs.kernels import pose as kernels
 from verbs.kernels import timing
 from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import Blended, PositionProblem, corrected_position
+from verbs.kernels.crowd_pose import blend_sorted, curves_of
 from verbs.runtime.follow import follow_window
 from verbs.verb import Verb
 
 __all__ = ["Blend", "Evaluator", "Poses"]
 
 _clamp, _resolve, _corrected_position = direct(charts.clamp), direct(timing.resolve), direct(corrected_position)
+blend_poses = direct(blend_sorted)
 
 MAX_CYCLES = 1_000.0
 """Largest phase of a looping motion, in cycles."""
@@ -102,6 +104,7 @@ class Evaluator:
 
     def __init__(self, verb: Verb) -> None:
         self.verb = verb
+        self.curves = curves_of(verb.curves, verb.rotation_mode, verb.references)
         self.goal = Goal.of_verb(verb)
         self._names = [adverb.name for adverb in verb.adverbs]
         self._shape = (len(verb.examples), len(verb.measure.axes))
@@ -245,7 +248,7 @@ class Evaluator:
         phases = found.phase
         root, rotations = np.empty((size, 3)), np.empty((size, len(verb.skeleton), 4))
         local = phases % 1.0 if verb.looping else phases
-        kernels.blend(weights, local, verb.curves, verb.rotation_mode, verb.references, root, rotations)
+        blend_poses(weights, local, self.curves, root, rotations)
         velocity = None
         if verb.root_motion == kernels.STRIDE:
             velocity = np.empty((size, 3))

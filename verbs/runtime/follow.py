@@ -13,7 +13,7 @@ import numpy as np
 from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
 from verbs.conventions import F64
-from verbs.kernels import character_state
+from verbs.kernels import following
 from verbs.kernels import measure as measures
 from verbs.kernels.corrected_position import correct_positions, effector_positions
 
@@ -62,7 +62,7 @@ def _forced(method: Corrected, adverbs: F64, phase: float) -> tuple[float, float
     goal, verb = method.goal, method.goal.verb
     chain = goal.chain._replace(roots=np.empty_like(goal.chain.roots), rows=np.empty_like(goal.chain.rows))
     joints = verb.skeleton.chain(verb.measure.effector)[:-1]
-    character_state.chain_at(phase, verb.curves, joints, chain.roots, chain.rows)
+    following.chain_at(phase, verb.curves, joints, chain.roots, chain.rows)
     weights, goals = basis_weights(method.basis, adverbs), goal.points(adverbs)
     correct_positions(weights, goals, method.correction, chain)
     points = np.empty_like(goals)

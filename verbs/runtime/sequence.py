@@ -14,7 +14,7 @@ from verbs.kernels import timewarp, timing
 from verbs.kernels.compile import kernel
 from verbs.kernels.timewarp import Clock
 from verbs.motion import Motion
-from verbs.runtime.evaluate import Blend, Evaluator, Poses
+from verbs.runtime.evaluate import Blend, Evaluator, Poses, blend_poses
 
 __all__ = ["MAX_CYCLES", "MAX_FPS", "Event", "events", "sequence", "to_motion", "tracked"]
 
@@ -200,7 +200,7 @@ def _placed(evaluator: Evaluator, blend: Blend, phases: F64, at: F64) -> Poses:
     found = timing.instants(size)
     timing.resolve(blend.weights, evaluator.goal.clock, phases, False, found)
     root, rotations = np.empty((size, 3)), np.empty((size, len(verb.skeleton), 4))
-    kernels.blend(blend.weights, local, verb.curves, verb.rotation_mode, verb.references, root, rotations)
+    blend_poses(blend.weights, local, evaluator.curves, root, rotations)
     velocity = None
     if verb.root_motion == kernels.STRIDE:
         velocity = np.empty((size, 3))

@@ -6,24 +6,41 @@ import numpy as np
 import pytest
 
 from verbs.kernels import character_state
+from verbs.kernels.character_state import Advanced, Crowd
+from verbs.kernels.chart import IDENTITY, ChartArrays
+from verbs.kernels.corrected_position import Blended
+from verbs.kernels.following import NO_WINDOW
 from verbs.kernels.timewarp import Clock
 
 RATE = 1.6783469900166605  # (1 + x) · exp(-x) is one half here
 
 
+def crowd_of(count, *, dims=1, examples=1, keytimes=3):
+    """Characters that are known and have no stored frames; everything else is zero."""
+    state = np.zeros(count, character_state.CHARACTER)
+    state["held"] = -1
+    points, times, ends = np.zeros((5, count, dims)), np.zeros((2, count, keytimes)), np.zeros((2, count))
+    known, weights = np.ones(count, np.int64), np.zeros((count, 3, examples))
+    return Crowd(state, known, *points, weights, *times, np.zeros((count, 0)), *ends)
+
+
+def plain_chart(dims):
+    return ChartArrays(IDENTITY, np.zeros(3, np.int64), np.zeros(4), np.zeros(dims), np.ones(dims))
+
+
 def steered(goal, steps, *, half_life_s=0.1, shown=None, velocity=None):
     """Path (F, D) of one character that runs after a goal, in steps of these seconds; its velocity at the end."""
     goal = np.atleast_2d(np.asarray(goal, float))
-    state = np.zeros(1, character_state.CHARACTER)
-    state["decay"][0] = RATE / half_life_s if half_life_s else 0.0
-    shown = np.zeros_like(goal) if shown is None else shown.copy()
-    velocity = np.zeros_like(goal) if velocity is None else velocity.copy()
-    slot, known, out, moved = np.zeros(1, np.int64), np.ones(1, np.int64), np.empty_like(goal), np.empty(1, np.int64)
-    path, counts = [], []
+    crowd = crowd_of(1, dims=goal.shape[1])
+    crowd.state["decay"][0] = RATE / half_life_s if half_life_s else 0.0
+    crowd.goals[:] = goal
+    crowd.shown[:] = 0.0 if shown is None else shown
+    crowd.velocity[:] = 0.0 if velocity is None else velocity
+    path, counts, moved = [], [], np.empty(1, np.int64)
     for step_s in steps:
-        counts.append(character_state.steer(slot, step_s, state, goal, shown, velocity, known, out, moved))
-        path.append(out[0].copy())
-    return np.array(path), velocity, counts
+        counts.append(character_state.steer(np.zeros(1, np.int64), step_s, crowd, plain_chart(goal.shape[1]), moved))
+        path.append(crowd.shown[0].copy())
+    return np.array(path), crowd.velocity, counts
 
 
 @pytest.mark.parametrize("half_life_s", [0.01, 0.1, 2.0])
@@ -68,13 +85,31 @@ def test_a_goal_is_reached_exactly_and_then_nothing_moves():
 
 
 def test_only_those_that_move_are_said_to():
-    state, goals = np.zeros(4, character_state.CHARACTER), np.zeros((3, 2))
-    shown, velocity, known = np.zeros((4, 2)), np.zeros((4, 2)), np.array([1, 1, 0, 1])
-    goals[2] = 1.0
-    slots, moved, out = np.array([3, 2, 1]), np.empty(3, np.int64), np.empty((3, 2))
-    count = character_state.steer(slots, 0.1, state, goals, shown, velocity, known, out, moved)
+    crowd = crowd_of(4, dims=2)
+    crowd.known[2] = 0
+    crowd.goals[1] = 1.0
+    slots, moved = np.array([3, 2, 1]), np.empty(3, np.int64)
+    count = character_state.steer(slots, 0.1, crowd, plain_chart(2), moved)
     assert moved[:count].tolist() == [1, 2]  # one is new, one has another goal
-    assert known.tolist() == [1, 1, 1, 1]
+    weights, phases = np.eye(2), np.array([0.0, 1.0])
+    fresh = Blended(weights, np.zeros((2, 0)), np.zeros(2), np.zeros(2))
+    crowd = crowd._replace(weights=np.zeros((4, 3, 2)), keytimes=np.zeros((4, 2)), slopes=np.zeros((4, 2)))
+    character_state.keep(slots, moved[:count], fresh, Clock(phases, np.log([[2.0], [3.0]]), False), crowd)
+    assert crowd.known.tolist() == [1, 1, 1, 1]
+    np.testing.assert_allclose(crowd.keytimes[:, 1], [0.0, 3.0, 2.0, 0.0])
+    assert np.isnan(crowd.state["seconds"]).tolist() == [False, True, True, False]
+
+
+def test_weights_of_the_last_two_frames_stay():
+    crowd, slot, phases = crowd_of(1, keytimes=2), np.zeros(1, np.int64), np.array([0.0, 1.0])
+    clock = Clock(phases, np.zeros((1, 1)), False)
+    for k in range(7):
+        fresh = Blended(np.array([[float(k)]]), np.zeros((1, 0)), np.zeros(1), np.zeros(1))
+        character_state.keep(slot, slot, fresh, clock, crowd)
+        row = crowd.state[0]
+        shown = [crowd.weights[0, row[name], 0] for name in ("weights", "weights_1", "weights_2")]
+        assert shown == [max(k - n, 0) for n in range(3)]
+        character_state.displayed(0.1, row)
 
 
 PHASES = np.array([0.0, 0.4, 1.0])
@@ -83,16 +118,19 @@ LENGTHS = np.log([[0.5, 1.5]])  # one example of 2 s
 
 def advanced(phase, *, speed=1.0, loop=0.0, looping=False, steps=(0.1,), fresh=0.0, playing=1.0):
     """Progress (F,) of one character, step by step, and its state."""
-    state = np.zeros(1, character_state.CHARACTER)
+    crowd, clock, slot = crowd_of(1), Clock(PHASES, LENGTHS, looping), np.zeros(1, np.int64)
+    state = crowd.state
     for name, value in (("phase", phase), ("speed", speed), ("playing", playing), ("looping", loop), ("fresh", fresh)):
         state[name] = value
+    weights = Blended(np.ones((1, 1)), np.zeros((1, 0)), np.zeros(1), np.zeros(1))
+    character_state.keep(slot, slot, weights, clock, crowd)
     rows = []
     for step_s in steps:
-        progress = np.zeros(1, character_state.PROGRESS)
-        clock = Clock(PHASES, LENGTHS, looping)
-        character_state.advance(np.zeros(1, np.int64), step_s, state, np.ones((1, 1)), clock, progress)
+        flags, which = np.zeros((2, 1), np.bool_), np.zeros((2, 1), np.int64)
+        frame = Advanced(np.zeros(1, character_state.PROGRESS), np.zeros(1), *flags, *which)
+        character_state.advance(slot, step_s, crowd, clock, np.zeros((0, 1, 3)), NO_WINDOW, frame)
         state["fresh"][0] = 0.0
-        rows.append(progress[0])
+        rows.append(frame.progress[0])
     return np.array(rows), state[0]
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tests.verbs.living import FPS, accelerations, joints, own_peak, play
 from verbs import Characters, Evaluator, library
-from verbs.kernels import character_state
+from verbs.kernels import following
 
 REACHING = ["reach", "punch", "kick"]
 
@@ -60,7 +60,7 @@ def test_a_held_hand_follows_its_goal(characters_of, name, part):
     for frame, requested in enumerate(circle(centre)):
         people.aim(slot, people.row(requested))
         root, rotations, (shown,) = play(people, slot, 1)
-        goal = verb.domain.chart.adverbs(people._shown[slot][None])
+        goal = verb.domain.chart.adverbs(people.crowd.shown[slot][None])
         hand = joints(verb, root[0], rotations[0])[:, verb.measure.effector]
         miss = np.linalg.norm(hand - people.evaluator.goal.points(goal), axis=1)[0]
         assert miss < 1e-6, frame
@@ -105,7 +105,7 @@ def test_holding_and_letting_go_do_not_jolt(characters_of, name):
     # A kick is held half a metre off its goal at the window's first phase; with the weights that bring its foot there
     # it continues 1.7 times as fast, until these have faded.
     bound = {"kick": 1.55}.get(name, 1.2)
-    assert pushed[~seam].max() <= bound * max(peak, 5.77 * way / character_state.FADE_S**2)
+    assert pushed[~seam].max() <= bound * max(peak, 5.77 * way / following.FADE_S**2)
     lengths = np.linalg.norm(steps, axis=-1).max(axis=1)
     assert lengths.max() <= 1.8 * lengths[: stop - 1].max()
     assert lengths[stop + 14 : go - 1].max() < 1e-9  # the fade has ended: it stands

@@ -126,7 +126,12 @@ def test_lengths_are_those_of_the_document():
     for joints in (1, 2, 22, 23):
         chosen = np.arange(joints)
         sizes = {name: 4 * Layout(name, "local", "gltf", chosen, 9).words for name in ENCODINGS}
-        assert sizes == {"f32": 36 + 16 * joints, "q48": 36 + (6 * joints + 3) // 4 * 4, "weights": 28 + 36}
+        assert sizes == {
+            "f32": 36 + 16 * joints,
+            "q48": 36 + (6 * joints + 3) // 4 * 4,
+            "weights": 28 + 36,
+            "q32": 36 + 4 * joints,
+        }
 
 
 def test_a_record_without_a_place_is_not_written():

@@ -1,26 +1,14 @@
-"""How a channel is described to its client, and how its records are laid out."""
+"""How a channel is described to its client."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
-
-from service.catalog.catalog import Entry
-from service.stream.messages import Open
 from service.stream.session import Channel
-from service.wire import Layout, offsets_in
+from service.wire import offsets_in
 
-__all__ = ["layout_of", "opened"]
-
-
-def layout_of(entry: Entry, request: Open) -> Layout:
-    """Layout of the records; raises :class:`UnknownName` for a joint that does not exist."""
-    joints = entry.joints(request.joints)
-    if joints is None:
-        joints = np.arange(len(entry.verb.skeleton))
-    return Layout(request.encoding, request.space, request.frame, joints, len(entry.verb.examples))
+__all__ = ["opened"]
 
 
 def opened(channel: Channel, *, resumed: bool = False) -> dict[str, Any]:

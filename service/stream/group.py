@@ -6,11 +6,15 @@ import numpy as np
 
 from service.catalog.catalog import Entry
 from service.stream.kernels import passed_keytimes
-from service.wire import Step
+from service.stream.messages import Open
+from service.wire import Layout, Step
 from verbs.conventions import F32, I64
 from verbs.runtime.characters import Characters
 
 __all__ = ["Group"]
+
+MAX_LAYOUTS = 256
+"""Layouts that are kept for further channels."""
 
 
 class Group:
@@ -31,9 +35,28 @@ class Group:
         self.entry = entry
         self.characters = Characters(entry.evaluator, method)
         verb = entry.verb
+        self._layouts: dict[tuple[str, str, str, tuple[str, ...] | None], Layout] = {}
         self.events = [
             {"name": name, "phase": phase} for name, phase in zip(verb.keytime_names, verb.phases.tolist(), strict=True)
         ]
+
+    def layout(self, request: Open) -> Layout:
+        """Layout of the records of a channel; raises :class:`UnknownName` for a joint that does not exist.
+
+        Channels that ask for the same have one layout, whose joints are stored once.
+        """
+        names = None if request.joints is None else tuple(request.joints)
+        key = request.encoding, request.space, request.frame, names
+        found = self._layouts.get(key)
+        if found is None:
+            joints = self.entry.joints(names)
+            if joints is None:
+                joints = np.arange(len(self.entry.verb.skeleton))
+            count = len(self.entry.verb.examples)
+            found = Layout(request.encoding, request.space, request.frame, joints, count)
+            if len(self._layouts) < MAX_LAYOUTS:
+                self._layouts[key] = found
+        return found
 
     @property
     def key(self) -> tuple[str, int, str]:

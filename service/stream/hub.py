@@ -21,7 +21,7 @@ from service.errors import ChannelInUse, ServiceError, TooManyChannels, UnknownS
 from service.metrics import Metrics
 from service.refinement.usage import Usage
 from service.settings import Settings
-from service.stream.channel import layout_of, opened
+from service.stream.channel import opened
 from service.stream.connection import Connection
 from service.stream.engine import Engine
 from service.stream.group import Group
@@ -326,7 +326,8 @@ class Hub:
         if self.characters >= self.settings.stream_characters:
             raise TooManyChannels(f"the server has its maximum of {self.settings.stream_characters} channels")
         entry = self._catalog().entry(request.verb)
-        layout, group = layout_of(entry, request), self._group(entry, request.method)
+        group = self._group(entry, request.method)
+        layout = group.layout(request)
         slot = group.characters.add(
             request.adverbs,
             phase=request.phase,
@@ -373,7 +374,7 @@ class Hub:
         channel = session.channel(request.channel)
         entry = self._catalog().entry(request.verb)
         group = self._group(entry, request.method)
-        layout = layout_of(entry, channel.request)
+        layout = group.layout(channel.request)
         slot = group.characters.go_on(
             *(channel.group.characters, channel.slot, request.adverbs),
             phase=request.phase,
@@ -411,7 +412,8 @@ class Hub:
         if entry is None or entry is was.entry:
             return  # a verb that is no longer served plays to its end
         try:
-            layout, group = layout_of(entry, channel.request), self._group(entry, was.characters.method)
+            group = self._group(entry, was.characters.method)
+            layout = group.layout(channel.request)
             if _names(entry) != _names(was.entry):
                 raise VerbError(f"its adverbs are {', '.join(_names(entry))}")
             slot = group.characters.go_on(was.characters, channel.slot, transition_s=VERSION_S, same=True)

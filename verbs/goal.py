@@ -14,8 +14,10 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.kernels import measure as kernels
 from verbs.kernels import root_velocity
+from verbs.kernels.columns import BATCH
 from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import Chain, effector_positions
+from verbs.kernels.position_batch import effector_positions_batch
 from verbs.kernels.timewarp import Clock
 from verbs.verb import Verb
 
@@ -23,6 +25,7 @@ __all__ = ["Goal", "diagonal"]
 
 _goals, _compare = direct(kernels.goals), direct(kernels.compare)
 _effector_positions, _root_velocities = direct(effector_positions), direct(kernels.root_velocities)
+_effector_positions_batch = direct(effector_positions_batch)
 
 _SPLINE_AT_KNOT = np.array([1.0, 4.0, 1.0]) / 6.0
 
@@ -38,7 +41,7 @@ def _chain(verb: Verb) -> Chain:
     joints, count = verb.skeleton.chain(verb.measure.effector), len(verb.examples)
     references = np.ascontiguousarray(verb.references[joints[:-1]])
     offsets = np.ascontiguousarray(verb.skeleton.offsets[joints[1:]])
-    roots, rows = np.zeros((3, 0)), np.zeros((0, count))
+    roots, rows = np.zeros((3, count)), np.zeros((0, count))
     if verb.measure.kind == kernels.POSITION:
         at_key = _at_keytime(verb, verb.measure.keytime)
         roots = np.ascontiguousarray(at_key[:, :3].T)
@@ -112,7 +115,8 @@ class Goal:
         kind, out = self.verb.measure.kind, np.full((len(weights), 3), np.nan)
         weights = np.ascontiguousarray(weights, np.float64)
         if kind == kernels.POSITION:
-            _effector_positions(weights, self.chain, out)
+            kernel = _effector_positions if len(weights) < BATCH else _effector_positions_batch
+            kernel(weights, self.chain, out)
         elif kind == kernels.JUMP:
             kernels.jumps(weights, self.roots, out)
         elif kind == kernels.VELOCITY:

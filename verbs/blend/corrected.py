@@ -15,14 +15,20 @@ from verbs.conventions import F64
 from verbs.goal import Goal
 from verbs.kernels import correction as kernels
 from verbs.kernels import measure as measures
+from verbs.kernels import radial_basis
+from verbs.kernels.chart import ChartArrays
+from verbs.kernels.columns import BATCH
 from verbs.kernels.compile import direct
-from verbs.kernels.corrected_position import correct_positions
+from verbs.kernels.corrected_position import PositionProblem, correct_positions
 from verbs.kernels.corrected_velocity import correct_velocities
+from verbs.kernels.position_batch import correct_positions_batch
+from verbs.kernels.sums import Sums, couple
 from verbs.verb import Basis, Verb
 
 __all__ = ["SATURATION", "STEPS", "Corrected"]
 
-_correct_positions = direct(correct_positions)
+_correct_positions, _correct_positions_batch = direct(correct_positions), direct(correct_positions_batch)
+_cardinal_batch = direct(radial_basis.cardinal_batch)
 _correct_jumps = direct(kernels.correct_jumps)
 _correct_velocities = direct(correct_velocities)
 
@@ -50,11 +56,14 @@ class Corrected:
     goal : Goal
     correction : Correction
         It leaves the sum of the weights and each style adverb as they are.
+    sums : Sums
+        What positions depend on; without rows for other measures.
     """
 
     basis: Basis
     goal: Goal
     correction: kernels.Correction
+    sums: Sums
 
     @classmethod
     def of_verb(cls, verb: Verb, *, basis: str = "smooth", steps: int = STEPS) -> Corrected:
@@ -72,11 +81,16 @@ class Corrected:
         # The farthest pair, not the bounding box: a rotation of the whole verb must change nothing.
         size = float(pdist(scale * points).max())
         correction = kernels.Correction(directions, scale, SATURATION * size, damping, STOP, steps)
-        return cls(verb.bases[basis], goal, correction)
+        sums = couple(np.concatenate([goal.chain.roots, goal.chain.rows]), directions)
+        return cls(verb.bases[basis], goal, correction, sums)
 
     def weights(self, adverbs: F64) -> F64:
         """Weights (B, N) at adverbs (B, D) inside the domain."""
-        weights = basis_weights(self.basis, adverbs)
+        if len(adverbs) < BATCH:
+            weights = basis_weights(self.basis, adverbs)
+        else:
+            weights = np.empty((len(adverbs), self.basis.radial.shape[1]))
+            _cardinal_batch(np.ascontiguousarray(adverbs, np.float64), self.basis.arrays, weights)
         self.correct(weights, self.goal.points(adverbs))
         return weights
 
@@ -85,8 +99,28 @@ class Corrected:
         goal, kind = self.goal, self.goal.verb.measure.kind
         goals = np.ascontiguousarray(goals, np.float64)
         if kind == measures.POSITION:
-            _correct_positions(weights, goals, self.correction, goal.chain)
+            if len(weights) < BATCH:
+                _correct_positions(weights, goals, self.correction, goal.chain)
+            else:
+                _correct_positions_batch(weights, goals, self.correction, goal.chain, self.sums)
         elif kind == measures.JUMP:
             _correct_jumps(weights, goals, self.correction, goal.roots)
         elif kind == measures.VELOCITY:
             _correct_velocities(weights, goals, self.correction, goal.cycle)
+
+    def problem(self) -> PositionProblem:
+        """Arrays with which one compiled call does everything, for a verb that is measured by a joint's position."""
+        domain, basis, sums = self.goal.verb.domain.arrays, self.basis.arrays, self.sums
+        coefficients = np.concatenate([basis.radial, basis.poly])
+        own_chart = not _equal(domain.chart, basis.chart)
+        to_sums = np.ascontiguousarray(sums.rows @ coefficients.T)
+        to_weights = np.concatenate([coefficients, sums.moves])
+        goal = self.goal
+        return PositionProblem(
+            domain, basis, own_chart, self.correction, goal.chain, goal.space, sums, to_sums, to_weights
+        )
+
+
+def _equal(one: ChartArrays, other: ChartArrays) -> bool:
+    """Whether two charts give the same coordinates."""
+    return one.kind == other.kind and all(map(np.array_equal, one[1:], other[1:]))

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from verbs.conventions import F64, I64
+from verbs.kernels.columns import gather
 from verbs.kernels.compile import kernel
 
 __all__ = [
@@ -28,12 +29,15 @@ __all__ = [
     "PLANAR",
     "ChartArrays",
     "DomainArrays",
+    "chart_columns",
     "clamp",
+    "clamp_columns",
     "clamp_point",
     "denormalise",
     "from_chart",
     "gauge",
     "normalise",
+    "normalise_columns",
     "to_chart",
 ]
 
@@ -133,18 +137,31 @@ def denormalise(points: F64, chart: ChartArrays, out: F64) -> None:
 
 
 @kernel
-def gauge(point: F64, facets: F64, middle: F64, sharpness: float) -> float:
-    """Smooth gauge of a point (D,) against facets (F, D) about ``middle`` (D,): 1 on the hull's surface.
-
-    The maximum of A (u − c) over facets, softened to a norm of order ``sharpness``. Where k facets meet it overstates
-    by k^(1/sharpness); authoring chooses the order so that no point of the hull passes :data:`FREE_GAUGE`.
-    """
+def _greatest(point: F64, facets: F64, middle: F64) -> float:
+    """Greatest of 0 and A (u - c) over facets, of a point (D,)."""
     top = 0.0
     for f in range(facets.shape[0]):
         value = 0.0
         for a in range(point.shape[0]):
             value += facets[f, a] * (point[a] - middle[a])
         top = max(top, value)
+    return top
+
+
+@kernel
+def _surely_free(facets: F64, sharpness: float) -> float:
+    """Greatest facet up to which the smooth gauge, at most F^(1/sharpness) times it, is below :data:`FREE_GAUGE`."""
+    return (1.0 - 1e-9) * FREE_GAUGE * facets.shape[0] ** (-1.0 / sharpness)
+
+
+@kernel
+def gauge(point: F64, facets: F64, middle: F64, sharpness: float) -> float:
+    """Smooth gauge of a point (D,) against facets (F, D) about ``middle`` (D,): 1 on the hull's surface.
+
+    The maximum of A (u − c) over facets, softened to a norm of order ``sharpness``. Where k facets meet it overstates
+    by k^(1/sharpness); authoring chooses the order so that no point of the hull passes :data:`FREE_GAUGE`.
+    """
+    top = _greatest(point, facets, middle)
     if top <= 0.0:
         return 0.0
     total = 0.0
@@ -164,6 +181,8 @@ def clamp_point(point: F64, facets: F64, middle: F64, sharpness: float) -> bool:
     The identity up to gauge 1.08, then a hyperbolic tangent that never passes 1.25: twice differentiable, so that
     a goal that leaves the domain does not make the character jerk.
     """
+    if _greatest(point, facets, middle) <= _surely_free(facets, sharpness):
+        return False  # without its powers
     value = gauge(point, facets, middle, sharpness)
     if value <= FREE_GAUGE:
         return False
@@ -190,3 +209,123 @@ def clamp(adverbs: F64, domain: DomainArrays, out: F64, moved: F64) -> None:
             for a in range(point.shape[0]):
                 point[a] = point[a] / scale[a] + shift[a]
             from_chart(kind, axes, bend, point, out[b])
+
+
+@kernel
+def normalise_columns(chart: ChartArrays, adverbs: F64, out: F64) -> None:
+    """Normalised chart coordinates (D, T) of adverbs (D, T), characters last."""
+    kind, axes, bend, shift, scale = chart
+    for a in range(adverbs.shape[0]):
+        for k in range(adverbs.shape[1]):
+            out[a, k] = adverbs[a, k]
+    i, j, m = axes[0], axes[1], axes[2]
+    if kind == CYLINDER:
+        for k in range(adverbs.shape[1]):
+            x, z = adverbs[i, k] - bend[0], adverbs[m, k] - bend[1]
+            out[i, k] = bend[3] * ((np.arctan2(x, z) - bend[2]) % (2.0 * np.pi))
+            out[m, k] = np.sqrt(x * x + z * z)
+    elif kind == PLANAR:
+        unit = bend[0] if bend[0] != 0.0 else 1.0
+        for k in range(adverbs.shape[1]):
+            distance, direction = adverbs[i, k], adverbs[j, k] * unit
+            out[i, k], out[j, k] = distance * np.sin(direction), distance * np.cos(direction)
+    for a in range(adverbs.shape[0]):
+        for k in range(adverbs.shape[1]):
+            out[a, k] = (out[a, k] - shift[a]) * scale[a]
+
+
+@kernel
+def _denormalise_columns(chart: ChartArrays, points: F64, out: F64) -> None:
+    """Adverbs (D, T) of normalised chart coordinates (D, T), which become those of the adverbs.
+
+    They differ where an angle is outside its turn or a radius negative.
+    """
+    kind, axes, bend, shift, scale = chart
+    for a in range(points.shape[0]):
+        for k in range(points.shape[1]):
+            out[a, k] = points[a, k] / scale[a] + shift[a]
+    i, j, m, folded = axes[0], axes[1], axes[2], False
+    if kind == CYLINDER:
+        for k in range(points.shape[1]):
+            angle, radius = out[i, k] / bend[3], out[m, k]
+            folded |= angle < 0.0 or angle >= 2.0 * np.pi or radius < 0.0
+            angle += bend[2]
+            out[i, k], out[m, k] = bend[0] + radius * np.sin(angle), bend[1] + radius * np.cos(angle)
+    elif kind == PLANAR:
+        unit = bend[0] if bend[0] != 0.0 else 1.0
+        for k in range(points.shape[1]):
+            x, z = out[i, k], out[j, k]
+            out[i, k] = np.sqrt(x * x + z * z)
+            out[j, k] = np.arctan2(x, z) / unit if x != 0.0 or z != 0.0 else 0.0
+    if folded:
+        normalise_columns(chart, out, points)
+
+
+@kernel
+def chart_columns(rows: F64, first: int, charted: bool, chart: ChartArrays, adverbs: F64, points: F64) -> None:
+    """Adverbs and normalised chart coordinates (D, T), characters last, of rows (B, D) from ``first`` on.
+
+    Rows are adverbs, or (``charted``) normalised coordinates. Past the end the last row is repeated.
+    """
+    gather(rows, first, points if charted else adverbs)
+    if charted:
+        _denormalise_columns(chart, points, adverbs)
+    else:
+        normalise_columns(chart, adverbs, points)
+
+
+@kernel
+def _greatest_facets(facets: F64, middle: F64, points: F64, out: F64) -> None:
+    """Greatest of 0 and A (u - c) over facets (F, D), for points (D, T), to the first of two rows (2, T)."""
+    for k in range(out.shape[1]):
+        out[0, k] = 0.0
+    for f in range(facets.shape[0]):
+        offset = 0.0
+        for a in range(middle.shape[0]):
+            offset += facets[f, a] * middle[a]
+        if middle.shape[0] == 3:
+            _greatest_facet(facets[f, 0], facets[f, 1], facets[f, 2], offset, points, out)
+            continue
+        for k in range(out.shape[1]):
+            out[1, k] = -offset
+        for a in range(middle.shape[0]):
+            share = facets[f, a]
+            for k in range(out.shape[1]):
+                out[1, k] += share * points[a, k]
+        for k in range(out.shape[1]):
+            out[0, k] = max(out[0, k], out[1, k])
+
+
+@kernel
+def _greatest_facet(x: float, y: float, z: float, offset: float, points: F64, out: F64) -> None:
+    """Greater of row 0 and one facet's value, in three dimensions."""
+    for k in range(out.shape[1]):
+        value = x * points[0, k] + y * points[1, k] + z * points[2, k] - offset
+        before = out[0, k]
+        out[0, k] = value if value > before else before
+
+
+@kernel
+def clamp_columns(adverbs: F64, domain: DomainArrays, points: F64, inside: F64, moved: F64) -> None:
+    """Clamp normalised points (D, T) in place, and adverbs (D, T) to ``inside``.
+
+    The first row of ``moved`` (2, T) is 1 where that changed them; the second is scratch.
+    """
+    (kind, axes, bend, shift, scale), facets, middle, sharpness = domain
+    _greatest_facets(facets, middle, points, moved)
+    bound = _surely_free(facets, sharpness)
+    inside[:] = adverbs
+    point, row = np.empty(middle.shape[0]), np.empty(middle.shape[0])
+    for k in range(points.shape[1]):
+        suspect, moved[0, k] = moved[0, k] > bound, 0.0
+        if suspect:
+            for a in range(point.shape[0]):
+                point[a] = points[a, k]
+            if clamp_point(point, facets, middle, sharpness):
+                moved[0, k] = 1.0
+                for a in range(point.shape[0]):
+                    points[a, k] = point[a]
+                    point[a] = point[a] / scale[a] + shift[a]
+                from_chart(kind, axes, bend, point, row)
+                for a in range(point.shape[0]):
+                    inside[a, k] = row[a]

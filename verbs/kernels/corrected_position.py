@@ -17,6 +17,7 @@ from verbs.kernels.correction import SQUARE, Correction, squared_distance, step
 from verbs.kernels.measure import GoalSpace
 from verbs.kernels.pose import NLERP, ROTATION_VECTOR, finish_rotation, multiply
 from verbs.kernels.radial_basis import BasisArrays, cardinal
+from verbs.kernels.sums import Sums
 
 __all__ = [
     "Blended",
@@ -74,13 +75,34 @@ class ChainScratch(NamedTuple):
 
 
 class PositionProblem(NamedTuple):
-    """Everything that corrected blending of a verb needs besides adverbs."""
+    """Everything that corrected blending of a verb needs besides adverbs.
+
+    Parameters
+    ----------
+    domain : DomainArrays
+    basis : BasisArrays
+    own_chart : bool
+        Whether the basis has another chart than the domain.
+    correction : Correction
+    chain : Chain
+    space : GoalSpace
+    sums : Sums
+        Root position and rotation rows of the chain.
+    to_sums : (S, F) float64
+        Sums of the basis's weights, of its F features.
+    to_weights : (F + S, N) float64
+        Weights of features and η.
+    """
 
     domain: DomainArrays
     basis: BasisArrays
+    own_chart: bool
     correction: Correction
     chain: Chain
     space: GoalSpace
+    sums: Sums
+    to_sums: F64
+    to_weights: F64
 
 
 class Blended(NamedTuple):

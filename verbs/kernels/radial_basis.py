@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from verbs.conventions import F64
-from verbs.kernels.chart import ChartArrays, to_chart
+from verbs.kernels import columns
+from verbs.kernels.chart import ChartArrays, chart_columns, to_chart
 from verbs.kernels.compile import kernel
 
 __all__ = [
@@ -32,8 +33,10 @@ __all__ = [
     "WENDLAND",
     "BasisArrays",
     "cardinal",
+    "cardinal_batch",
     "evaluate",
     "evaluate_at",
+    "feature_columns",
     "features",
     "phi",
     "polynomial_matrix",
@@ -216,3 +219,67 @@ def cardinal(adverbs: F64, basis: BasisArrays, out: F64) -> None:
         for a in range(point.shape[0]):
             point[a] = (point[a] - shift[a]) * scale[a]
         evaluate_at(point, function, degree, centers, radii, radial, poly, row, out[b])
+
+
+@kernel
+def _distances(points: F64, center: F64, radius: float, out: F64, row: int) -> None:
+    """Squared distances of points (D, T) from a center (D,), in radii, to one row."""
+    per_square = 1.0 / (radius * radius)
+    if points.shape[0] == 3:
+        a, b, c = center[0], center[1], center[2]
+        for k in range(points.shape[1]):
+            x, y, z = points[0, k] - a, points[1, k] - b, points[2, k] - c
+            out[row, k] = per_square * (x * x + y * y + z * z)
+        return
+    for k in range(points.shape[1]):
+        out[row, k] = 0.0
+    for a in range(points.shape[0]):
+        middle = center[a]
+        for k in range(points.shape[1]):
+            out[row, k] += (points[a, k] - middle) ** 2
+    for k in range(points.shape[1]):
+        out[row, k] *= per_square
+
+
+@kernel
+def _radials(function: int, out: F64, row: int) -> None:
+    """Radial functions of squared distances, in place, for one row."""
+    if function == MULTIQUADRIC:  # the only one of correction; this loop vectorises
+        for k in range(out.shape[1]):
+            out[row, k] = -np.sqrt(out[row, k] + 1.0)
+    else:
+        for k in range(out.shape[1]):
+            out[row, k] = phi(function, np.sqrt(out[row, k]))
+
+
+@kernel
+def feature_columns(points: F64, basis: BasisArrays, out: F64) -> None:
+    """Radial functions and polynomial features (C + L, T) at points (D, T); these times [radial; poly] are weights."""
+    function, degree, centers, radii = basis.radial_basis, basis.degree, basis.centers, basis.radii
+    row = centers.shape[0]
+    for c in range(row):
+        _distances(points, centers[c], radii[c], out, c)
+        _radials(function, out, c)
+    if degree >= 1:
+        for a in range(points.shape[0]):
+            out[row] = points[a]
+            row += 1
+    if degree >= 2:
+        for a in range(points.shape[0]):
+            for b in range(a, points.shape[0]):
+                out[row] = points[a] * points[b]
+                row += 1
+    out[row] = 1.0
+
+
+@kernel
+def cardinal_batch(adverbs: F64, basis: BasisArrays, out: F64) -> None:
+    """:func:`cardinal` by tiles: one matrix product of features and coefficients each."""
+    count, width = columns.tiles(adverbs.shape[0])
+    coefficients = np.concatenate((basis.radial, basis.poly))
+    rows, points = np.empty((adverbs.shape[1], width)), np.empty((adverbs.shape[1], width))
+    known, scratch = np.empty((coefficients.shape[0], width)), np.empty((width, out.shape[1]))
+    for t in range(count):
+        chart_columns(adverbs, t * width, False, basis.chart, rows, points)
+        feature_columns(points, basis, known)
+        columns.product(known, coefficients, scratch, t * width, out)

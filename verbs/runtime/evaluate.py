@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -19,15 +20,18 @@ from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as kernels
 from verbs.kernels import timing
+from verbs.kernels.columns import BATCH
 from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import Blended, PositionProblem, corrected_position
 from verbs.kernels.crowd_pose import blend_sorted, curves_of
+from verbs.kernels.position_batch import corrected_position_batch
 from verbs.runtime.follow import follow_window
 from verbs.verb import Verb
 
 __all__ = ["Blend", "Evaluator", "Poses"]
 
-_clamp, _resolve, _corrected_position = direct(charts.clamp), direct(timing.resolve), direct(corrected_position)
+_clamp, _resolve = direct(charts.clamp), direct(timing.resolve)
+_corrected_position, _corrected_position_batch = direct(corrected_position), direct(corrected_position_batch)
 blend_poses = direct(blend_sorted)
 
 MAX_CYCLES = 1_000.0
@@ -170,21 +174,46 @@ class Evaluator:
         """Weights at adverbs (B, D), measured adverbs and error."""
         return self._blend(self.check(adverbs), method)
 
+    def blend_points(self, points: F64, *, method: str | None = None) -> Blend:
+        """:meth:`blend` at normalised coordinates (B, D) of the domain's chart, as ``domain.chart.points`` gives them.
+
+        Raises
+        ------
+        OutOfRange
+            A coordinate is not finite, or the shape is wrong.
+        """
+        points = np.ascontiguousarray(points, np.float64)
+        if points.ndim != 2 or points.shape[1] != len(self._names) or not np.isfinite(points).all():
+            raise OutOfRange(f"points must be finite and have shape (batch, {len(self._names)})")
+        _, chosen = self.method(method)
+        if len(points) >= BATCH and self._is_position(chosen):
+            return self._corrected_position(chosen, points, charted=True)
+        return self._blend(self.verb.domain.chart.adverbs(points), method)
+
     def _blend(self, adverbs: F64, method: str | None) -> Blend:
         name, chosen = self.method(method)
-        if isinstance(chosen, Corrected) and self.verb.measure.kind == measures.POSITION:
+        if self._is_position(chosen):
             return self._corrected_position(chosen, adverbs)
         inside, clamped = self.clamp(adverbs)
         return self.measure(name, chosen.weights(inside), adverbs, clamped)
 
-    def _corrected_position(self, method: Corrected, adverbs: F64) -> Blend:
-        """The fast path: :meth:`blend` for the default of most verbs, in one compiled call."""
-        size, shape = len(adverbs), self._shape
+    def _is_position(self, method: methods.Method) -> TypeGuard[Corrected]:
+        """Whether weights, measured adverbs and error come from one compiled call."""
+        return isinstance(method, Corrected) and self.verb.measure.kind == measures.POSITION
+
+    def _corrected_position(self, method: Corrected, rows: F64, *, charted: bool = False) -> Blend:
+        """The fast path: :meth:`blend` for the default of most verbs, in one compiled call.
+
+        Rows (B, D) are adverbs, or (``charted``, for batches only) normalised coordinates of the domain's chart.
+        """
+        size, shape = len(rows), self._shape
         out = Blended(np.empty((size, shape[0])), np.empty((size, shape[1])), np.empty(size), np.empty(size))
         if self._problem is None:
-            goal, basis, domain = self.goal, method.basis.arrays, self.verb.domain.arrays
-            self._problem = PositionProblem(domain, basis, method.correction, goal.chain, goal.space)
-        _corrected_position(adverbs, self._problem, out)
+            self._problem = method.problem()
+        if size < BATCH:
+            _corrected_position(rows, self._problem, out)
+        else:
+            _corrected_position_batch(rows, charted, self._problem, out)
         return Blend("corrected", out.weights, out.measured, out.error, out.moved > 0)
 
     def measure(self, method: str, weights: F64, adverbs: F64, clamped: npt.NDArray[np.bool_]) -> Blend:
@@ -274,6 +303,7 @@ class Evaluator:
         for name in methods.usable(self.verb):
             with suppress(VerbError):  # a method that fails for this verb reports it when it is used
                 self.blend(self.verb.values[:1], method=name)
+                self.blend(np.resize(self.verb.values, (BATCH, len(self._names))), method=name)
         self.follow_window()
         poses = self.pose(self.verb.values[:1], phase=0.0)
         self.pose_of(poses.blend, time_s=0.0)

@@ -96,8 +96,9 @@ def test_weights_do_not_depend_on_the_batch_or_the_thread():
     reach = library.load("reach")
     method, points = Search.of_verb(reach, iterations=2), accuracy_points(reach, count=60).adverbs
     weights = method.weights(points)
-    np.testing.assert_array_equal(weights, np.concatenate([method.weights(points[b : b + 1]) for b in range(60)]))
-    np.testing.assert_array_equal(weights[::-1], method.weights(np.ascontiguousarray(points[::-1])))
+    single = np.concatenate([method.weights(points[b : b + 1]) for b in range(60)])
+    np.testing.assert_allclose(weights, single, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(weights[::-1], method.weights(np.ascontiguousarray(points[::-1])), rtol=0, atol=1e-12)
     with ThreadPoolExecutor(4) as pool:
         for again in pool.map(method.weights, [points] * 4):
             np.testing.assert_array_equal(weights, again)

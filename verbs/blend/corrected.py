@@ -57,13 +57,16 @@ class Corrected:
     correction : Correction
         It leaves the sum of the weights and each style adverb as they are.
     sums : Sums
-        What positions depend on; without rows for other measures.
+        What positions depend on; zeros for other measures.
+    linear : LinearCorrection
+        Correction of jumps in one step; without rows for other measures.
     """
 
     basis: Basis
     goal: Goal
     correction: kernels.Correction
     sums: Sums
+    linear: kernels.LinearCorrection
 
     @classmethod
     def of_verb(cls, verb: Verb, *, basis: str = "smooth", steps: int = STEPS) -> Corrected:
@@ -82,7 +85,8 @@ class Corrected:
         size = float(pdist(scale * points).max())
         correction = kernels.Correction(directions, scale, SATURATION * size, damping, STOP, steps)
         sums = couple(np.concatenate([goal.chain.roots, goal.chain.rows]), directions)
-        return cls(verb.bases[basis], goal, correction, sums)
+        rates = kernels.jump_rates(goal.roots) if len(goal.roots) else np.zeros((0, len(verb.examples)))
+        return cls(verb.bases[basis], goal, correction, sums, kernels.linear_correction(rates, correction))
 
     def weights(self, adverbs: F64) -> F64:
         """Weights (B, N) at adverbs (B, D) inside the domain."""
@@ -104,7 +108,7 @@ class Corrected:
             else:
                 _correct_positions_batch(weights, goals, self.correction, goal.chain, self.sums)
         elif kind == measures.JUMP:
-            _correct_jumps(weights, goals, self.correction, goal.roots)
+            _correct_jumps(weights, goals, self.linear)
         elif kind == measures.VELOCITY:
             _correct_velocities(weights, goals, self.correction, goal.cycle)
 

@@ -18,7 +18,16 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.kernels.compile import kernel
 
-__all__ = ["SQUARE", "Correction", "correct_jumps", "jump_jacobian", "squared_distance", "step"]
+__all__ = [
+    "SQUARE",
+    "Correction",
+    "LinearCorrection",
+    "correct_jumps",
+    "jump_rates",
+    "linear_correction",
+    "squared_distance",
+    "step",
+]
 
 SQUARE = 100.0
 """A step of full length leaves at most this many times the square of the distance (1/m); 1 to 20 were measured."""
@@ -113,25 +122,50 @@ def squared_distance(goal: F64, point: F64, scale: F64) -> float:
     return squared
 
 
-@kernel
-def jump_jacobian(weights: F64, roots: F64, point: F64, jacobian: F64) -> None:
-    """Displacement x, z and rise (3,) of a jump and their Jacobian (3, N); arrays as in :func:`measure.jump`."""
-    point[:] = 0.0
-    for i in range(weights.shape[0]):
-        jacobian[0, i] = roots[2, i, 0] - roots[0, i, 0]
-        jacobian[1, i] = roots[2, i, 2] - roots[0, i, 2]
-        jacobian[2, i] = roots[1, i, 1] - roots[0, i, 1]
-        for a in range(3):
-            point[a] += weights[i] * jacobian[a, i]
+class LinearCorrection(NamedTuple):
+    """A correction in one step, of a point that is linear in the weights.
+
+    Parameters
+    ----------
+    rates : (3, N) float64
+        The point is ``rates @ weights``.
+    gains : (3, N) float64
+        Weights change by the residual times these.
+    """
+
+    rates: F64
+    gains: F64
+
+
+def linear_correction(rates: F64, correction: Correction) -> LinearCorrection:
+    """The sum of all steps of a correction without saturation, for a point that is linear in the weights, in metres.
+
+    A step leaves λ / (σ² + λ) of the residual along a singular direction of the projected rates, K steps its power.
+    """
+    free = rates - (rates @ correction.fixed.T) @ correction.fixed
+    squares, directions = np.linalg.eigh(free @ free.T)
+    squares = np.maximum(squares, 1e-12 * correction.damping)
+    left = correction.steps * np.log(correction.damping / (squares + correction.damping))
+    gains = (directions * (-np.expm1(left) / squares)) @ directions.T @ free
+    return LinearCorrection(np.ascontiguousarray(rates), np.ascontiguousarray(gains))
+
+
+def jump_rates(roots: F64) -> F64:
+    """Displacement x, z and rise (3, N) of each example's jump; arrays as in :func:`verbs.kernels.measure.jump`."""
+    rises = (roots[2, :, 0] - roots[0, :, 0], roots[2, :, 2] - roots[0, :, 2], roots[1, :, 1] - roots[0, :, 1])
+    return np.stack(rises)
 
 
 @kernel
-def correct_jumps(weights: F64, goals: F64, correction: Correction, roots: F64) -> None:
+def correct_jumps(weights: F64, goals: F64, correction: LinearCorrection) -> None:
     """Correct weights (B, N) in place until jumps have the displacement and rise of goals (B, 3)."""
-    fixed, scale, saturation, damping, stop, steps = correction
-    point, jacobian = np.empty(3), np.empty((3, weights.shape[1]))
+    rates, gains = correction
     for b in range(weights.shape[0]):
-        for _ in range(steps):
-            jump_jacobian(weights[b], roots, point, jacobian)
-            if step(weights[b], goals[b], point, jacobian, fixed, scale, (saturation, damping, stop)) < stop:
-                break
+        x, y, z = goals[b, 0], goals[b, 1], goals[b, 2]
+        for i in range(weights.shape[1]):
+            weight = weights[b, i]
+            x -= weight * rates[0, i]
+            y -= weight * rates[1, i]
+            z -= weight * rates[2, i]
+        for i in range(weights.shape[1]):
+            weights[b, i] += x * gains[0, i] + y * gains[1, i] + z * gains[2, i]

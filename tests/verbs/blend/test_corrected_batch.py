@@ -12,7 +12,7 @@ from verbs.blend.cardinal import basis_weights
 from verbs.blend.corrected import Corrected
 from verbs.domain import random_points
 from verbs.errors import OutOfRange
-from verbs.kernels import radial_basis
+from verbs.kernels import correction, radial_basis
 from verbs.kernels.columns import BATCH, TILE
 from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import Blended, corrected_position
@@ -191,3 +191,36 @@ def test_threads_compute_batches_at_the_same_time():
                 pool.map(lambda rows: evaluator.blend(rows).weights, batches), alone, strict=True
             ):
                 np.testing.assert_array_equal(weights, other)
+
+
+def corrected_by_steps(method, weights, goals):
+    """Weights of jumps after damped, saturated steps, as for other measures."""
+    fixed, scale, saturation, damping, stop, steps = method.correction
+    for row, goal in zip(weights, goals, strict=True):
+        for _ in range(steps):
+            jacobian = correction.jump_rates(method.goal.roots)
+            point = jacobian @ row
+            if correction.step(row, goal, point, jacobian, fixed, scale, (saturation, damping, stop)) < stop:
+                break
+
+
+@pytest.mark.parametrize("spread", [1.0, 4.0])
+def test_jumps_are_corrected_as_by_steps(mocap, verb_of, spread):
+    verb = verb_of("jump")
+    evaluator, method = Evaluator(verb), Corrected.of_verb(verb)
+    rows, clamped = evaluator.clamp(goals_of(verb, 300, spread=spread))
+    assert clamped.any() == (spread > 1.0)
+    weights, goals = basis_weights(method.basis, rows), method.goal.points(rows)
+    corrected_by_steps(method, weights, goals)
+    np.testing.assert_allclose(method.weights(rows), weights, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(method.goal.measured(method.weights(rows)), goals, rtol=0, atol=1e-13)
+
+
+def test_a_linear_correction_leaves_flat_directions_alone():
+    """Examples that all rise equally high: no weights change the rise."""
+    rates = np.array([[0.0, 1.0, 2.0, 1.0], [0.0, 0.0, 1.0, 2.0], [0.3, 0.3, 0.3, 0.3]])
+    limits = correction.Correction(np.full((1, 4), 0.5), np.ones(3), 0.2, 1e-6, 1e-10, 8)
+    _, gains = correction.linear_correction(rates, limits)
+    np.testing.assert_allclose(rates @ gains.T, np.diag([1.0, 1.0, 0.0]), atol=1e-9)
+    np.testing.assert_allclose(gains.sum(axis=1), 0.0, atol=1e-12)
+    assert np.abs(gains).max() < 2.0

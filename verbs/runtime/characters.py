@@ -335,7 +335,7 @@ class Characters(CharacterPool):
 
     def _blend_points(self, points: F64) -> Blend:
         """Blends at normalised chart coordinates (n, D)."""
-        return self.evaluator.blend(self.verb.domain.chart.adverbs(points), method=self.method)
+        return self.evaluator.blend_points(points, method=self.method)
 
     def _steer_as(self, slot: int, other: Characters, whose: int) -> None:
         """Give a character the displayed point and velocity of another of the same adverbs."""

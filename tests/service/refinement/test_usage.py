@@ -163,7 +163,7 @@ def test_samples_of_a_crowd_cover_all_characters_in_turn(arm):
         group.characters.add(np.array([0.3 + 1e-4 * k, 0.2]))
     seen = set()
     for _ in range(3):
-        sampler.sample([group])
+        sampler.record(sampler.take([group]))
         ((_, rows, _),) = usage.take()
         assert len(rows) == MAX_SAMPLES
         seen |= set(rows[:, 0])

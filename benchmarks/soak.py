@@ -1,5 +1,8 @@
 """A bounded soak: mixed load with clients that come and go; memory must stay flat and nothing may be left behind.
 
+Beside single clients, a crowd is opened, streamed for some seconds and closed, again and again: in turn at rest and
+with goals that move in every tick, in every encoding.
+
 The server has core 0, clients have core 1. Everything goes over loopback and ends after ``--minutes``.
 """
 
@@ -11,7 +14,8 @@ import random
 import sys
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import cycle
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -24,6 +28,8 @@ import numpy as np
 import uvloop
 from adverb_load.churn import Churn
 from adverb_load.client import Load
+from adverb_load.crowd import run_crowd
+from adverb_load.crowd_report import CrowdReport
 from adverb_load.goals import Goals
 from adverb_load.process import Served, pinned
 from adverb_load.tally import lateness_of, offset_ns_of
@@ -35,6 +41,12 @@ GRACE_S, SLOW_S = 3.0, 4.0
 """Settings of the server, short so that a soak goes through many of each."""
 
 STAYING, MOVING, SLOW, ASKING = 6, 8, 2, 2
+CROWD_CHANNELS = 100
+"""Characters of a socket of the crowd."""
+
+ROUND_S, SETTLE_S = 20.0, 3.0
+"""Time for which a crowd streams, and before that until it has opened, seconds."""
+
 SAMPLES = 40
 AT_REST = 0.15
 """Share of the run after which memory must not grow any more."""
@@ -79,10 +91,13 @@ class Soak:
     server : Served
     crowd : Churn
     seconds : float
+    characters : int
+        Of the crowd, in whole sockets of :data:`CROWD_CHANNELS`.
     """
 
-    def __init__(self, server: Served, crowd: Churn, seconds: float) -> None:
-        self.server, self.crowd, self.seconds = server, crowd, seconds
+    def __init__(self, server: Served, crowd: Churn, seconds: float, characters: int) -> None:
+        self.server, self.crowd, self.seconds, self.characters = server, crowd, seconds, characters
+        self.rounds: list[CrowdReport] = []
         self.samples: list[Sample] = []
         self.answers: Counter[int] = Counter()
         self._start_s = time.monotonic()
@@ -103,6 +118,7 @@ class Soak:
                 for _ in range(ASKING):
                     group.create_task(self._ask(http, random.Random(seeds.getrandbits(64)), end_s))
                 group.create_task(self._watch(http, end_s))
+                group.create_task(asyncio.to_thread(self._play_crowds, end_s))
             await asyncio.sleep(GRACE_S + 2.0)
             last = await self._sample(http)
             if last.streams or last.channels:
@@ -127,6 +143,23 @@ class Soak:
             answer = await http.post(f"/v1/verbs/{VERB}/{path}", json=body, headers=headers)
             self.answers[answer.status_code] += 1
             await asyncio.sleep(REST_S)
+
+    def _play_crowds(self, end_s: float) -> None:
+        """Open a crowd, stream it, and close it, again and again."""
+        sockets = self.characters // CROWD_CHANNELS
+        loads = [
+            replace(
+                self.crowd.load, sockets=sockets, channels=CROWD_CHANNELS, encoding=encoding,
+                steer_hz=60.0 * moving, bulk=moving,
+            )
+            for encoding in ("f32", "q48", "q32", "weights")
+            for moving in (False, True)
+        ]  # fmt: skip
+        for load in cycle(loads):
+            left_s = end_s - time.monotonic()
+            if not sockets or left_s < 2 * SETTLE_S:
+                return
+            self.rounds.append(run_crowd(load, seconds=min(ROUND_S, left_s - SETTLE_S), settle_s=SETTLE_S))
 
     async def _watch(self, http: httpx.AsyncClient, end_s: float) -> None:
         """Take samples until the end."""
@@ -188,13 +221,18 @@ def verdict(soak: Soak, last: Sample) -> list[str]:
             wrong.append(f"{tally.gaps} messages missing unreported, {tally.wrong} unreadable: {tally.problems}")
         if unexpected := tally.codes.keys() - EXPECTED:
             wrong.append(f"errors {sorted(unexpected)}: {tally.problems}")
+    wrong += [
+        f"a crowd: {report.gaps} messages missing unreported, {report.wrong} unreadable, {report.codes}"
+        for report in soak.rounds
+        if report.gaps or report.wrong or report.codes
+    ]
     return wrong
 
 
-async def _soak(server: Served, seconds: float) -> tuple[Soak, Sample]:
+async def _soak(server: Served, seconds: float, characters: int) -> tuple[Soak, Sample]:
     load = Load(server.url, VERB)
     goals = await asyncio.to_thread(Goals.fetch, server.base, VERB, np.random.default_rng(1))
-    soak = Soak(server, Churn(load, goals), seconds)
+    soak = Soak(server, Churn(load, goals), seconds, characters)
     return soak, await soak.run()
 
 
@@ -212,6 +250,9 @@ def summary(soak: Soak, last: Sample) -> list[str]:
         f"memory     {growth(soak.samples):.3f} × that at {100 * AT_REST:.0f} % of the run   (goal ≤ {FLAT:g})",
         f"frames     {tally.messages}, and {slow.messages} of slow readers; {tally.gaps + slow.gaps} missing without "
         f"a word, {tally.wrong + slow.wrong} unreadable",
+        f"crowds     {len(soak.rounds)} of {soak.characters} characters, {sum(one.delivered for one in soak.rounds)} "
+        f"poses: {100 * median([one.share for one in soak.rounds] or [0.0]):.1f} % of a round (median), least "
+        f"{100 * min((one.share for one in soak.rounds), default=0.0):.1f} %",
         f"requests   {sum(soak.answers.values())}",
         *(f"{name:<11}{', '.join(f'{key} {count}' for key, count in some.items())}" for name, some in counts.items()),
     ]
@@ -221,6 +262,7 @@ def main() -> int:
     """Run a soak; 0 if the server came through, 1 if not, 2 if it cannot be run."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=15.0, help="how long (%(default)s)")
+    parser.add_argument("--characters", type=int, default=2_000, help="size of the crowd (%(default)s)")
     chosen = parser.parse_args()
     try:
         capture()
@@ -231,7 +273,7 @@ def main() -> int:
     settings = {"ADVERB_STREAM_GRACE_S": str(GRACE_S), "ADVERB_STREAM_SLOW_S": str(SLOW_S)}
     with TemporaryDirectory() as folder, pinned(CLIENT_CORE), served(Path(folder), **settings) as server:
         say(f"soaking for {chosen.minutes:g} minutes")
-        soak, last = uvloop.run(_soak(server, 60.0 * chosen.minutes))
+        soak, last = uvloop.run(_soak(server, 60.0 * chosen.minutes, chosen.characters))
     print("\n".join(summary(soak, last)))
     wrong = verdict(soak, last)
     print("\n".join(f"wrong      {one}" for one in wrong) if wrong else "the server came through")

@@ -120,12 +120,17 @@ def test_a_verb_without_requests_is_dropped(arm, catalog):
     assert counted(usage, FORGET_S).keys() == {"reach"}
 
 
+def _sample(usage, groups):
+    sampler = CharacterSampler(usage)
+    sampler.record(sampler.take(groups))
+
+
 def test_characters_of_streams_are_recorded(arm):
     group, usage = Group(arm, "rbf"), Usage()
     slots = [group.characters.add(row) for row in some(arm, 20)]
     for slot in slots[:5]:
         group.characters.remove(slot)
-    CharacterSampler(usage).sample([group, Group(arm, "rbf")])
+    _sample(usage, [group, Group(arm, "rbf")])
     seen = counted(usage)["arm3"]
     assert (total(seen), seen.answers) == (15, 0)  # none has had a frame yet
     assert seen.to_json()["cells"] == cells_json(arm.verb, some(arm, 20)[5:])["cells"]
@@ -137,7 +142,7 @@ def test_errors_of_characters_count_inside_the_domain(arm):
     for row in (*inside, [50.0, 50.0]):
         group.characters.add(np.asarray(row))
     group.characters.step(group.characters.taken(), 0.02)
-    CharacterSampler(usage).sample([group])
+    _sample(usage, [group])
     seen = counted(usage)["arm3"]
     assert (total(seen), seen.answers) == (9, 8)
     off = arm.evaluator.blend(inside, method="rbf").error

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from service.run.loads import Loads
 from service.settings import Settings
 
 __all__ = ["METRICS", "NICE", "refine", "serve"]
@@ -22,24 +23,32 @@ NICE = 10
 
 
 def serve(
-    settings: Settings, listener: socket.socket | None, parent: socket.socket, *, number: int, metrics: Path | None
+    settings: Settings,
+    listener: socket.socket,
+    parent: socket.socket,
+    *,
+    number: int,
+    loads: Loads | None,
+    metrics: Path | None,
 ) -> int:
     """Serve until SIGTERM; return the exit code.
 
     Parameters
     ----------
     settings : Settings
-    listener : socket or None
-        Bound socket; None to bind another one to the same port.
+    listener : socket
+        Bound socket, which several servers share.
     parent : socket
         Sends to the parent that the server is ready, why it cannot serve, and uploads.
     number : int
         Number of this server among several.
+    loads : Loads or None
+        Loads of several servers.
     metrics : Path or None
         Folder of the metrics of several servers.
     """
     from service.catalog.catalog import Catalog
-    from service.run.listener import CannotServe, listen
+    from service.run.listener import CannotServe
     from service.run.server import run
     from service.upload.forked import Forked
 
@@ -53,8 +62,7 @@ def serve(
     if metrics is not None:
         _share_metrics(number, metrics)
     try:
-        listener = listener or listen(settings, shared=True)
-        run(settings, listener, on_ready=ready, sandboxes=Forked(parent))
+        run(settings, listener, on_ready=ready, sandboxes=Forked(parent), loads=loads, number=number)
     except CannotServe as err:
         send({"failed": str(err)})
         return 1

@@ -16,16 +16,12 @@ class CannotServe(Exception):
     """The server cannot start; the message names the problem and what to do."""
 
 
-def listen(settings: Settings, *, shared: bool = False) -> socket.socket:
+def listen(settings: Settings) -> socket.socket:
     """A socket that is bound to the settings' host and port, and does not listen yet.
 
     Parameters
     ----------
     settings : Settings
-    shared : bool
-        Whether other processes of this server are bound to the same port. The kernel distributes connections over
-        them by a hash of their addresses. One shared queue would be less even: the process that wakes first accepts
-        all that wait, and a stream stays with the process that accepted it.
 
     Raises
     ------
@@ -44,8 +40,6 @@ def listen(settings: Settings, *, shared: bool = False) -> socket.socket:
         )
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    if shared:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
     try:
         listener.bind(address)
     except OSError as err:

@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
@@ -15,16 +16,18 @@ from fastapi import FastAPI
 from service.app import create_app
 from service.catalog.catalog import Catalog
 from service.run import logs
+from service.run.acceptor import Acceptor
 from service.run.listener import CannotServe, check, greeting, listen
+from service.run.loads import NO_ROOM, Loads
 from service.run.progress import Progress
 from service.run.spawn import supervise
 from service.settings import Settings
-from service.state import Supervise
+from service.state import ServerState, Supervise
 from service.stream.hub import Hub
 from service.stream.transport import StreamProtocol
 from service.upload.builder import Sandboxes
 
-__all__ = ["CannotServe", "Server", "config_of", "run", "serve"]
+__all__ = ["CannotServe", "Server", "SharedServer", "config_of", "run", "serve"]
 
 DRAIN_S = 0.2
 """Time to write `drain` messages before connections are closed, seconds."""
@@ -72,6 +75,8 @@ def run(
     on_ready: Callable[[Catalog], None],
     supervise: Supervise | None = None,
     sandboxes: Sandboxes | None = None,
+    loads: Loads | None = None,
+    number: int = 0,
 ) -> None:
     """Serve on a socket, which is closed at the end.
 
@@ -83,6 +88,8 @@ def run(
         Called with the verbs once requests are answered.
     supervise, sandboxes : optional
         As for :class:`service.state.ServerState`.
+    loads, number : optional
+        As for :class:`SharedServer`.
 
     Raises
     ------
@@ -99,10 +106,11 @@ def run(
 
     app = create_app(settings, on_ready=ready, supervise=supervise, sandboxes=sandboxes)
     # uvicorn re-raises the signal on exit; a no-op handler keeps the exit clean.
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: None)
+    for ending in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(ending, lambda *_: None)
     with listener:
-        server = Server(config_of(app, settings), app.state.server.hub)
+        config, state = config_of(app, settings), app.state.server
+        server = Server(config, state.hub) if loads is None else SharedServer(config, state, loads, number)
         server.run(sockets=[listener])
     if server.failed:
         raise CannotServe("verbs cannot be loaded and kept up to date; see the log")
@@ -148,4 +156,47 @@ class Server(uvicorn.Server):
             server.close()
         self._hub.drain()
         await asyncio.sleep(DRAIN_S)
+        await super().shutdown(sockets)
+
+
+class SharedServer(Server):
+    """Server that accepts connections from a socket that other processes share, see :mod:`service.run.acceptor`.
+
+    Parameters
+    ----------
+    config : uvicorn.Config
+    state : ServerState
+    loads : Loads
+    number : int
+        Row of this process.
+    """
+
+    def __init__(self, config: uvicorn.Config, state: ServerState, loads: Loads, number: int) -> None:
+        super().__init__(config, state.hub)
+        self._state, self._loads, self._number = state, loads, number
+        self._acceptor: Acceptor | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start the app, then accept connections."""
+        await super().startup([])
+        assert sockets is not None
+        self._acceptor = Acceptor(sockets[0], self._loads, self._number, protocol=self._protocol, load=self._load)
+        self._hub.on_characters = self._acceptor.write
+
+    def _load(self) -> int:
+        """Characters, or connections where these are more, since most streams open characters a little later."""
+        if not self._state.ready.is_set() or self._hub.full:
+            return NO_ROOM
+        return max(self._hub.characters, len(self.server_state.connections))
+
+    def _protocol(self) -> asyncio.Protocol:
+        """Protocol of a new connection, as uvicorn makes it."""
+        make: Any = self.config.http_protocol_class
+        made: asyncio.Protocol = make(self.config, self.server_state, self.lifespan.state)
+        return made
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Leave the socket to the other processes, then shut down."""
+        if self._acceptor is not None:
+            self._acceptor.close()
         await super().shutdown(sockets)

@@ -28,6 +28,7 @@ import structlog
 from service.run import children, logs, warmup
 from service.run.fork import Child, Parent
 from service.run.listener import CannotServe, check, greeting, listen
+from service.run.loads import Loads
 from service.run.progress import Progress
 from service.run.restart import Pauses, name_of
 from service.run.sandboxes import SandboxForks
@@ -66,8 +67,6 @@ def serve(settings: Settings, *, report: Callable[[str], None]) -> None:
         listener = stack.enter_context(listen(settings))
         metrics = None
         if settings.workers > 1:
-            # No other program may bind the port, and the servers may. It does not listen, so it accepts nothing.
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
             metrics = Path(stack.enter_context(TemporaryDirectory(prefix="adverb-metrics-")))
         logs.configure(settings)
         progress = Progress(report)
@@ -111,7 +110,7 @@ class Supervisor:
     ----------
     settings : Settings
     listener : socket
-        Bound to the port. A single server listens on it; several have sockets of their own on the same port.
+        Bound to the port; the servers listen on it.
     metrics : Path or None
         Empty folder for the metrics of several servers.
     report : callable
@@ -133,6 +132,7 @@ class Supervisor:
         self._parent = Parent()
         self._slots: list[_Slot] = []
         self._sandboxes = SandboxForks(self._parent)
+        self._loads = Loads(settings.workers) if settings.workers > 1 else None
         self._unready = set(range(settings.workers))
         self._facts: dict[str, Any] | None = None
         self._failure: str | None = None
@@ -218,10 +218,10 @@ class Supervisor:
 
     def _fork_server(self, slot: _Slot, number: int) -> Child:
         mine, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        shared = self._settings.workers > 1
-        listener = None if shared else self._listener
-        run = partial(children.serve, self._settings, listener, its, number=number, metrics=self._metrics)
-        keep = {its.fileno()} if shared else {its.fileno(), self._listener.fileno()}
+        run = partial(
+            children.serve, self._settings, self._listener, its, number=number, loads=self._loads, metrics=self._metrics
+        )
+        keep = {its.fileno(), self._listener.fileno()}
         child = self._parent.fork(run, name="adverb-server", keep=keep, on_end=partial(self._ended, slot))
         its.close()
         self._parent.watch(mine, partial(self._received, slot, mine))
@@ -269,6 +269,8 @@ class Supervisor:
         slot.child = None
         if slot.number is not None:
             self._remove_metrics(slot.number)
+            if self._loads is not None:
+                self._loads.clear(slot.number)
             self._fail_unready(code)
         if self._stopping:
             return

@@ -65,6 +65,8 @@ class Hub:
     ----------
     connections : int
         Number of connections; the event loop counts them.
+    on_characters : callable
+        Called by the engine when the number of characters has changed.
     """
 
     def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog], usage: Usage) -> None:
@@ -74,6 +76,7 @@ class Hub:
         self.connections, self.draining = 0, False
         self.engine = Engine(self)
         self.post = self.engine.post
+        self.on_characters: Callable[[], None] = lambda: None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._table = LineTable()
         self._groups: dict[tuple[str, int, str], Group] = {}
@@ -340,6 +343,7 @@ class Hub:
         channel = Channel(request.channel, session, group, slot, request.fps, layout, request)
         session.channels[request.channel] = channel
         self.ticks.add(session, channel.fps, time.monotonic())
+        self.on_characters()
         self._send(session, opened(channel))
 
     def _set(self, session: Session, request: Set) -> None:
@@ -387,6 +391,7 @@ class Hub:
         channel = session.channels.pop(number)
         self.ticks.drop(session, channel.fps)
         channel.group.characters.remove(channel.slot)
+        self.on_characters()
 
     # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
 

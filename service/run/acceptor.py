@@ -18,7 +18,7 @@ __all__ = ["Acceptor"]
 BACKLOG = 2_048
 """Connections that may wait in the kernel, as with uvicorn."""
 
-PAUSE_S = 0.005
+PAUSE_S = 0.002
 """How long a process leaves a connection to the others, seconds."""
 
 RETRY_S = 1.0

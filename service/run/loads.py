@@ -9,7 +9,7 @@ from __future__ import annotations
 import mmap
 import time
 
-__all__ = ["NO_ROOM", "REFRESH_S", "STALE_S", "Loads"]
+__all__ = ["FEW", "NO_ROOM", "PART", "REFRESH_S", "STALE_S", "Loads"]
 
 REFRESH_S = 0.05
 """Interval at which a process writes its row, seconds."""
@@ -17,8 +17,9 @@ REFRESH_S = 0.05
 STALE_S = 0.5
 """Age from which a row does not count, seconds."""
 
-SLACK = 16
-"""A process accepts up to 1 + 1 / SLACK of the least load, so that one process is not alone in accepting."""
+FEW, PART = 4, 16
+"""A process accepts while its load is at most the least, :data:`FEW` and one :data:`PART` of the least: requests that
+come at the same time are then accepted by several processes."""
 
 NO_ROOM = 2**40
 """Load of a process that has no verbs yet, or as many streams as it may have."""
@@ -54,4 +55,4 @@ class Loads:
         row, since_ns = self._rows[number], time.monotonic_ns() - int(STALE_S * 1e9)
         others = [self._words[one] for one in self._rows if one != row and self._words[one + 1] > since_ns]
         least = min(others, default=NO_ROOM)
-        return self._words[row] <= least + least // SLACK
+        return self._words[row] <= least + FEW + least // PART

@@ -186,8 +186,10 @@ def example_slides(evaluator: Evaluator, found: Contacts) -> Slides:
 def slides(evaluator: Evaluator, found: Contacts, adverbs: F64, *, method: str | None = None) -> Slides:
     """Slides of the whole motions at adverbs (B, D), by a method."""
     distances = []
-    for row in adverbs:
-        blend = evaluator.blend(row[None], method=method)
+    blends = evaluator.blend(adverbs, method=method)
+    for k in range(len(adverbs)):
+        at = slice(k, k + 1)
+        blend = Blend(blends.method, blends.weights[at], blends.measured[at], blends.error[at], blends.clamped[at])
         phases, positions = sampled(evaluator, blend)
         distances.append(_distances(found, phases, positions, found.share(blend.weights[0], phases) > 0.5))
     return Slides.of(np.concatenate(distances))

@@ -90,8 +90,8 @@ async def run() -> None:
     print("CPU per request, µs (application code, no sockets)")
     for name, value in best.items():
         print(f"  {name:<20}{value:>8.1f}")
-    print(f"  binary / constant: {best['pose, binary'] / best['constant, binary']:.2f}×   (goal ≤ 1.3 with sockets)")
-    print(f"  JSON / constant:   {best['pose, JSON'] / best['constant, JSON']:.2f}×   (goal ≤ 1.6 with sockets)")
+    print(f"  binary / constant: {best['pose, binary'] / best['constant, binary']:.2f}×   (goal ≤ 1.15)")
+    print(f"  JSON / constant:   {best['pose, JSON'] / best['constant, JSON']:.2f}×   (goal ≤ 1.2)")
 
 
 async def ready(app: Any) -> bytes:

@@ -115,7 +115,9 @@ class ServerState:
     def record_usage(self, entry: Entry, adverbs: Adverbs, blend: Blend, *, rows: int = 1) -> None:
         """Record requested adverbs; errors count for the current version, inside the domain."""
         current = self.catalog is not None and self.catalog.entries.get(entry.verb.name) is entry
-        errors = np.where(blend.clamped, np.nan, blend.error) if current else None
+        errors = blend.error if current else None
+        if errors is not None and blend.clamped.any():
+            errors = np.where(blend.clamped, np.nan, errors)
         self.usage.record(entry, adverbs, errors, rows=rows)
 
     def set_catalog(self, catalog: Catalog) -> None:

@@ -141,7 +141,6 @@ def pose_fields(
     verb, blend = evaluator.verb, poses.blend
     row = index if len(blend.weights) > 1 else 0  # one blend may serve many instants
     measured = blend.measured[row].tolist()
-    names = [verb.adverbs[axis].name for axis in verb.measure.axes.tolist()] if measured else []
     record: dict[str, Any] = {
         "verb": verb.name,
         "version": version,
@@ -151,7 +150,7 @@ def pose_fields(
         "duration": float(poses.duration_s[index]),
         "root": poses.root[index].astype(np.float32),
         "rotations": rotations[index],
-        "measured": dict(zip(names, measured, strict=True)),
+        "measured": dict(zip(evaluator.measured_names, measured, strict=True)),
         "error": number(float(blend.error[row])),
         "clamped": bool(blend.clamped[row]),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import Blended, PositionProblem, corrected_position
 from verbs.kernels.crowd_pose import blend_sorted, curves_of
 from verbs.kernels.position_batch import corrected_position_batch
+from verbs.kernels.single_pose import single_pose
 from verbs.runtime.follow import follow_window
 from verbs.verb import Verb
 
@@ -32,10 +34,10 @@ __all__ = ["Blend", "Evaluator", "Poses"]
 
 _clamp, _resolve = direct(charts.clamp), direct(timing.resolve)
 _corrected_position, _corrected_position_batch = direct(corrected_position), direct(corrected_position_batch)
-blend_poses = direct(blend_sorted)
+blend_poses, _single_pose = direct(blend_sorted), direct(single_pose)
 
-MAX_CYCLES = 1_000.0
-"""Largest phase of a looping motion, in cycles."""
+MAX_CYCLES, MAX_TIME_S = 1_000.0, 3_600.0
+"""Largest phase of a looping motion, in cycles, and largest time of a pose."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +99,11 @@ class Evaluator:
     ----------
     verb : Verb
 
+    Attributes
+    ----------
+    measured_names : list of str
+        Names of the measured adverbs, in the order of ``verb.measure.axes``.
+
     Examples
     --------
     >>> from verbs import Evaluator, library
@@ -110,7 +117,9 @@ class Evaluator:
         self.verb = verb
         self.curves = curves_of(verb.curves, verb.rotation_mode, verb.references)
         self.goal = Goal.of_verb(verb)
+        self._default = methods.default_method(verb)
         self._names = [adverb.name for adverb in verb.adverbs]
+        self.measured_names = [self._names[axis] for axis in verb.measure.axes.tolist()] if verb.measure.kind else []
         self._shape = (len(verb.examples), len(verb.measure.axes))
         self._problem: PositionProblem | None = None
         self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
@@ -118,7 +127,7 @@ class Evaluator:
 
     def method(self, name: str | None = None) -> tuple[str, methods.Method]:
         """A method by name, prepared once; None takes the verb's default."""
-        chosen = name or methods.default_method(self.verb)
+        chosen = name or self._default
         return chosen, self._method(chosen)
 
     def _follow_window(self) -> tuple[float, float] | None:
@@ -141,8 +150,12 @@ class Evaluator:
         OutOfRange
             A value is not finite.
         """
-        rows = [named] if isinstance(named, Mapping) else named
         names = self._names
+        if isinstance(named, dict) and len(named) == len(names):
+            values = [named.get(name, math.nan) for name in names]
+            if all(-MAX_MAGNITUDE <= value <= MAX_MAGNITUDE for value in values):  # NaN compares false
+                return np.array([values], np.float64)
+        rows = [named] if isinstance(named, Mapping) else named
         try:
             if all(len(row) == len(names) for row in rows):
                 return self.check(np.array([[row[name] for name in names] for row in rows], np.float64))
@@ -261,6 +274,8 @@ class Evaluator:
         if phase is not None and time_s is not None:
             raise RequestError("give a phase or a time, not both")
         given = time_s if time_s is not None else 0.0 if phase is None else phase
+        if isinstance(given, float) and len(blend.weights) == 1 and self.verb.root_motion != kernels.STRIDE:
+            return self._pose_one(blend, given, given_time=time_s is not None)
         at = np.atleast_1d(np.asarray(given, np.float64))
         self._check_instant(at, given_time=time_s is not None)
         weights = blend.weights
@@ -285,8 +300,22 @@ class Evaluator:
             kernels.travel(weights, verb.strides, phases, verb.looping, one_walk, root, rotations)
         return Poses(blend, phases, found.time_s, found.duration_s, root, rotations, velocity)
 
+    def _pose_one(self, blend: Blend, at: float, *, given_time: bool) -> Poses:
+        """The fast path: :meth:`pose_of` for one pose of a verb whose root does not stride."""
+        instant = np.array([at])
+        if not 0.0 <= at <= self._latest(given_time=given_time):
+            self._check_instant(instant, given_time=given_time)
+        found = timing.instants(1)
+        root, rotations = np.empty((1, 3)), np.empty((1, len(self.verb.skeleton), 4))
+        _single_pose(blend.weights, self.goal.clock, instant, given_time, self.curves, found, root, rotations)
+        return Poses(blend, found.phase, found.time_s, found.duration_s, root, rotations, None)
+
+    def _latest(self, *, given_time: bool) -> float:
+        """Largest phase or time, seconds."""
+        return MAX_TIME_S if given_time else MAX_CYCLES if self.verb.looping else 1.0
+
     def _check_instant(self, at: F64, *, given_time: bool) -> None:
-        name, top = ("time", 3600.0) if given_time else ("phase", MAX_CYCLES if self.verb.looping else 1.0)
+        name, top = "time" if given_time else "phase", self._latest(given_time=given_time)
         if not (at.min() >= 0.0 and at.max() <= top):  # NaN compares false, so this catches it as well
             wrong = at[~((at >= 0.0) & (at <= top))][0]
             raise OutOfRange(f"{name} is {wrong}; it must lie between 0 and {top:g}")

@@ -2,19 +2,44 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import orjson
 
 from service.catalog.catalog import Entry
 from service.stream.kernels import passed_keytimes
 from service.stream.messages import Open
-from service.wire import Layout, Step
+from service.wire import Layout, Step, offsets_in
 from verbs.conventions import F32, I64
 from verbs.runtime.characters import Characters
 
-__all__ = ["Group"]
+__all__ = ["Form", "Group"]
 
 MAX_LAYOUTS = 256
 """Layouts that are kept for further channels."""
+
+
+class Form(NamedTuple):
+    """What a client asks the records of a channel to be.
+
+    Parameters
+    ----------
+    encoding, space, frame : str
+    joints : tuple of str or None
+        None for all.
+    """
+
+    encoding: str
+    space: str
+    frame: str
+    joints: tuple[str, ...] | None
+
+    @classmethod
+    def of(cls, request: Open) -> Form:
+        """The form that an `open` asks for."""
+        joints = None if request.joints is None else tuple(request.joints)
+        return cls(request.encoding, request.space, request.frame, joints)
 
 
 class Group:
@@ -35,27 +60,46 @@ class Group:
         self.entry = entry
         self.characters = Characters(entry.evaluator, method)
         verb = entry.verb
-        self._layouts: dict[tuple[str, str, str, tuple[str, ...] | None], Layout] = {}
+        self._layouts: dict[Form, Layout] = {}
+        self._described: dict[int, dict[str, orjson.Fragment]] = {}
         self.events = [
             {"name": name, "phase": phase} for name, phase in zip(verb.keytime_names, verb.phases.tolist(), strict=True)
         ]
 
-    def layout(self, request: Open) -> Layout:
+    def layout(self, form: Form) -> Layout:
         """Layout of the records of a channel; raises :class:`UnknownName` for a joint that does not exist.
 
         Channels that ask for the same have one layout, whose joints are stored once.
         """
-        names = None if request.joints is None else tuple(request.joints)
-        key = request.encoding, request.space, request.frame, names
-        found = self._layouts.get(key)
+        found = self._layouts.get(form)
         if found is None:
-            joints = self.entry.joints(names)
+            joints = self.entry.joints(form.joints)
             if joints is None:
                 joints = np.arange(len(self.entry.verb.skeleton))
             count = len(self.entry.verb.examples)
-            found = Layout(request.encoding, request.space, request.frame, joints, count)
+            found = Layout(form.encoding, form.space, form.frame, joints, count)
             if len(self._layouts) < MAX_LAYOUTS:
-                self._layouts[key] = found
+                self._layouts[form] = found
+        return found
+
+    def described(self, layout: Layout) -> dict[str, orjson.Fragment]:
+        """JSON of what ``opened`` says of all channels of a layout: skeleton, joints, keytimes."""
+        found = self._described.get(id(layout))
+        if found is None:
+            skeleton = self.entry.verb.skeleton
+            values = {
+                "skeleton": {
+                    "names": skeleton.names,
+                    "parents": skeleton.parents,
+                    "offsets": offsets_in(skeleton, layout.frame),
+                },
+                "joints": [skeleton.names[joint] for joint in layout.joints.tolist()],
+                "keytimes": self.events,
+            }
+            options = orjson.OPT_SERIALIZE_NUMPY
+            found = {name: orjson.Fragment(orjson.dumps(value, option=options)) for name, value in values.items()}
+            if layout in self._layouts.values():
+                self._described[id(layout)] = found
         return found
 
     @property

@@ -24,7 +24,7 @@ from service.settings import Settings
 from service.stream.channel import opened
 from service.stream.connection import Connection
 from service.stream.engine import Engine
-from service.stream.group import Group
+from service.stream.group import Form, Group
 from service.stream.interest import Interest
 from service.stream.kernels import U16
 from service.stream.messages import Close, Open, Ping, Resume, Set, Switch, View
@@ -330,7 +330,8 @@ class Hub:
             raise TooManyChannels(f"the server has its maximum of {self.settings.stream_characters} channels")
         entry = self._catalog().entry(request.verb)
         group = self._group(entry, request.method)
-        layout = group.layout(request)
+        form = Form.of(request)
+        layout = group.layout(form)
         slot = group.characters.add(
             request.adverbs,
             phase=request.phase,
@@ -340,7 +341,11 @@ class Hub:
             half_life_s=request.half_life,
             following=request.follow,
         )
-        channel = Channel(request.channel, session, group, slot, request.fps, layout, request)
+        channel = Channel(
+            *(request.channel, session, group, slot, request.fps, layout, form),
+            events=request.events,
+            priority=request.priority,
+        )
         session.channels[request.channel] = channel
         self.ticks.add(session, channel.fps, time.monotonic())
         self.on_characters()
@@ -367,7 +372,7 @@ class Hub:
         if row is not None:
             characters.aim(slot, row)
         if request.priority is not None:
-            channel.request = channel.request.model_copy(update={"priority": request.priority})
+            channel.priority = request.priority
         if request.fps is not None and request.fps != channel.fps:
             self.ticks.drop(session, channel.fps)
             channel.fps = request.fps
@@ -378,7 +383,7 @@ class Hub:
         channel = session.channel(request.channel)
         entry = self._catalog().entry(request.verb)
         group = self._group(entry, request.method)
-        layout = group.layout(channel.request)
+        layout = group.layout(channel.form)
         slot = group.characters.go_on(
             *(channel.group.characters, channel.slot, request.adverbs),
             phase=request.phase,
@@ -418,7 +423,7 @@ class Hub:
             return  # a verb that is no longer served plays to its end
         try:
             group = self._group(entry, was.characters.method)
-            layout = group.layout(channel.request)
+            layout = group.layout(channel.form)
             if _names(entry) != _names(was.entry):
                 raise VerbError(f"its adverbs are {', '.join(_names(entry))}")
             slot = group.characters.go_on(was.characters, channel.slot, transition_s=VERSION_S, same=True)

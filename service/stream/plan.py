@@ -95,7 +95,7 @@ class Budgeted:
         """Priorities (R,) of the channels."""
         found = np.empty(len(self.numbers))
         for part, row, ranks in self.pieces:
-            found[ranks] = [channel.request.priority for channel in part.channels[row : row + len(ranks)]]
+            found[ranks] = [channel.priority for channel in part.channels[row : row + len(ranks)]]
         return found
 
     def places(self) -> F64:
@@ -241,6 +241,6 @@ def _piece(rows: list[tuple[Channel, int, int]]) -> _Piece:
             [at for _, at, _ in rows],
             [channel.head() for channel in channels],
         ),
-        np.array([channel.request.events for channel in channels], np.int64),
+        np.array([channel.events for channel in channels], np.int64),
         np.array([rank for _, _, rank in rows], np.int64),
     )

@@ -13,10 +13,9 @@ import numpy as np
 from service.errors import ServiceError, UnknownChannel
 from service.stream import kernels
 from service.stream.connection import TOO_SLOW, Connection, DirectConnection, text
-from service.stream.group import Group
+from service.stream.group import Form, Group
 from service.stream.interest import Interest
 from service.stream.kernels import CLOSED, U16, Lines
-from service.stream.messages import Open
 from service.wire import Layout
 from verbs.conventions import F32, I64
 from verbs.errors import VerbError
@@ -71,8 +70,12 @@ class Channel:
         Slot of its character in the group.
     fps : int
     layout : Layout
-    request : Open
-        How it was opened; `switch` keeps its options.
+    form : Form
+        What the client asked its records to be; `switch` keeps it.
+    events : bool
+        Whether its keytimes are reported.
+    priority : float
+        Weight where the session has a byte budget.
     flags : int
         Flags of its next record, in addition to those of the frame.
     """
@@ -83,7 +86,9 @@ class Channel:
     slot: int
     fps: int
     layout: Layout
-    request: Open
+    form: Form
+    events: bool = True
+    priority: float = 1.0
     flags: int = 0
 
     def head(self) -> int:

@@ -146,6 +146,18 @@ def test_cancelled_rotations_fall_back_to_the_reference_in_batches():
     np.testing.assert_allclose(batch, alone, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("effector", [0, 1, 5])
+def test_chains_of_any_length_in_batches(effector):
+    """Without joints a chain is the root alone; goals of the hand are then out of reach."""
+    verb = library.load("reach")
+    evaluator = Evaluator(replace(verb, measure=replace(verb.measure, effector=effector)))
+    assert len(evaluator.goal.chain.references) == len(verb.skeleton.chain(effector)) - 1
+    rows = goals_of(verb, 40)
+    blend, alone = evaluator.blend(rows), expected(evaluator, rows)
+    np.testing.assert_allclose(blend.measured, alone.measured, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(blend.weights, alone.weights, rtol=1e-6, atol=1e-6)
+
+
 @pytest.mark.parametrize("name", BUILT_IN)
 @pytest.mark.parametrize("size", [3, 300])
 def test_chart_points_give_the_blend_of_their_adverbs(name, size):

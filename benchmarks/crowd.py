@@ -1,25 +1,33 @@
 """Characters of one verb, stepped and written as records: cost of each part, by the size of the crowd.
 
 Weights are what moving goals add to a step; pose is sorting, summing and normalising alone; pack is what placing the
-pose and writing the record add. The bound is the arithmetic of the sums at the speed of a large matrix product.
+pose and writing the record add; send is what the system takes for messages of up to 100 records of f32 over loopback,
+sent by one compiled call. The bound is the arithmetic of the sums at the speed of a large matrix product.
 """
 
 from __future__ import annotations
 
 import os
+import socket
+import time
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.timing import interleave
+from service.stream.kernels import DIRECT, Lines, send_messages
 from service.wire import Layout, Targets, pack_step
 from verbs import Characters, Evaluator, Verb, library
 from verbs.authoring.fit import build
 from verbs.kernels.compile import direct, kernel
 from verbs.kernels.crowd_pose import TILE, finish_single, share, sort_by_interval, sums
 
-SIZES = (1, 60, 250, 1_000, 2_500, 10_000)
+SIZES = (1, 60, 250, 1_000, 2_500, 10_000, 20_000)
+TOGETHER = 100
+"""Records of a message."""
+
 STEP_S = 1 / 600
 """Short, so that no motion ends while it is measured."""
 ENCODINGS = ("f32", "q48", "q32")
@@ -86,6 +94,36 @@ class Crowd:
         act(*arguments)
 
 
+def _send_us(count: int, record_bytes: int, rounds: int = 40) -> float:
+    """Least CPU microseconds a record for messages of up to :data:`TOGETHER` records over loopback."""
+    together = min(count, TOGETHER)
+    messages, size = count // together, together * record_bytes
+    words = np.zeros(messages * (size // 4 + 8), np.uint32)
+    numbers = np.arange(messages)
+    with ExitStack() as stack:
+        listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+        pairs = []
+        for _ in range(messages):
+            left = stack.enter_context(socket.create_connection(listener.getsockname()))
+            right = stack.enter_context(listener.accept()[0])
+            left.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4 * size + 100_000)
+            left.setblocking(False)
+            pairs.append((left, right))
+        descriptors = np.array([left.fileno() for left, _ in pairs])
+        lines = Lines(np.full(messages, DIRECT), descriptors, np.zeros_like(numbers), np.zeros_like(numbers))
+        starts, heads, sizes = numbers * (size // 4 + 8) + 4, np.full(messages, 4), np.full(messages, size)
+        best, unsent = float("inf"), np.empty(messages, np.int64)
+        for _ in range(rounds):
+            started = time.thread_time()
+            send_messages(words.view(np.uint8), words, starts, heads, sizes, numbers, lines, 0, unsent)
+            best = min(best, time.thread_time() - started)
+            if unsent.any():
+                raise RuntimeError("a message did not fit into the buffer of its socket")
+            for _, right in pairs:
+                right.recv(size + 4, socket.MSG_WAITALL)
+    return 1e6 * best / count
+
+
 def _verb() -> Verb:
     """The captured reach, of 35 examples and 23 joints, if the recordings are there; else the built-in one."""
     folder = Path(os.environ.get("ADVERB_TEST_DATA", "../shared/data")) / "mocap" / "reach"
@@ -107,7 +145,7 @@ def main() -> None:
     evaluator, bound = Evaluator(verb), _bound_us(verb, rng)
     print(f"crowd: {verb.name}, {len(verb.examples)} examples, {len(verb.skeleton)} joints; µs a character")
     print(f"  bound of a pose by sgemm: {bound:.3f} µs")
-    heads = ("weights", "step", "pose", "pack f32", "q48", "q32", "at rest", "moving", "bound / pose")
+    heads = ("weights", "step", "pose", "pack f32", "q48", "q32", "at rest", "moving", "send f32", "bound / pose")
     print(f"  {'characters':>10}" + "".join(f"{head:>13}" for head in heads))
     for count in SIZES:
         row = _row(Crowd(evaluator, count, rng), count)
@@ -124,7 +162,8 @@ def _row(crowd: Crowd, count: int) -> list[float]:
     moving = interleave(tasks, rounds=max(rounds // 3, 6))
     packed = [best[encoding] - best["step"] - best["pose"] for encoding in ENCODINGS]
     row = (moving["step"] - best["step"], best["step"], best["pose"], *packed, best["f32"], moving["f32"])
-    return [1e6 * seconds / count for seconds in row]
+    sent = _send_us(count, 4 * len(crowd.words["f32"]) // count)
+    return [*(1e6 * seconds / count for seconds in row), sent]
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A route class that calls its endpoint without FastAPI's dependency resolution."""
+"""A route class that calls its endpoint without FastAPI's dependency resolution, and a response for it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,18 @@ from fastapi.routing import APIRoute
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-__all__ = ["Direct"]
+__all__ = ["Direct", "Whole"]
+
+
+class Whole(Response):
+    """A response of bytes and a media type, without the conversions of other kinds of content."""
+
+    def __init__(self, content: bytes, media_type: str) -> None:
+        self.status_code, self.background, self.body = 200, None, content
+        self.raw_headers = [
+            (b"content-length", b"%d" % len(content)),
+            (b"content-type", media_type.encode("latin-1")),
+        ]
 
 
 class Direct(APIRoute):

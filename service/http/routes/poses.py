@@ -11,7 +11,7 @@ from service import wire
 from service.fields import Name, Space
 from service.http import evaluation, response_json
 from service.http.context import served, trace_of
-from service.http.direct import Direct
+from service.http.direct import Direct, Whole
 from service.http.documented import EVALUATING, VerbName, body, forms, problems
 from service.http.negotiation import BVH, JSON, OCTETS, accepted, media_type, read, read_model, sliced
 from service.http.request_models import BatchRequest, PoseRequest, SequenceRequest
@@ -43,14 +43,14 @@ async def pose(request: Request, verb: VerbName) -> Response:
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
     content = await read_model(request, PoseRequest)
-    entry = await state.version(entry, content.version)
+    if content.version is not None:
+        entry = await state.version(entry, content.version)
     found = await evaluation.pose(state, entry, content)
     state.record_usage(entry, content.adverbs, found.poses.blend)
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
-        return Response(wire.encode_one(found.poses, found.rotations, entry.version), media_type=OCTETS)
-    text = response_json.single_json(entry, found, weights=content.weights, max_error=content.max_error)
-    return Response(text, media_type=JSON)
+        return Whole(wire.encode_one(found.poses, found.rotations, entry.version), OCTETS)
+    return Whole(response_json.single_json(entry, found, weights=content.weights, max_error=content.max_error), JSON)
 
 
 @router.post(

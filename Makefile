@@ -17,7 +17,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-refine bench clean
+.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-scaling bench-refine bench clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -111,6 +111,9 @@ bench-crowd: setup  ## measure crowds: 10,000 characters at 60 fps; BEFORE=DIR c
 
 bench-encodings: setup  ## measure the error of the pose encodings, 3 cm from every joint
 	@$(BIN)/python -m benchmarks.encodings
+
+bench-scaling: setup  ## fit the model of docs/scaling.md, check it at three sizes, and replace the tables there
+	@$(BIN)/python -m benchmarks.scaling --write docs/scaling.md
 
 bench-refine: setup  ## measure what a refinement costs those who are served, its speed, and how soon servers swap
 	@$(BIN)/python -m benchmarks.refine

@@ -94,7 +94,7 @@ def virtual_points(rotations: Numbers, skeleton: Skeleton) -> Numbers:
 def errors_mm(found: Numbers, exact: Numbers, skeleton: Skeleton) -> Numbers:
     """Distances (B·J·3,) between virtual points of local rotations (B, J, 4), millimetres."""
     apart = virtual_points(found, skeleton) - virtual_points(exact, skeleton)
-    return 1e3 * np.linalg.norm(apart, axis=-1).ravel()
+    return np.asarray(1e3 * np.linalg.norm(apart, axis=-1)).ravel()
 
 
 def record_bytes(encoding: str, joints: int, examples: int) -> int:

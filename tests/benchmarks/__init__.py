@@ -1,0 +1,3 @@
+from tests.clients.load import LOAD
+
+__all__ = ["LOAD"]

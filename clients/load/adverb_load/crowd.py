@@ -58,7 +58,9 @@ class Crowd:
     def __init__(self, load: Load, *, walk_goals: bool = True) -> None:
         self.load, self._rng = load, random.Random(load.seed)
         self._verb = fetch(base_of(load.url), f"/v1/verbs/{quote(load.verb, safe='')}") if walk_goals else None
-        self._effector = None if self._verb is None else Effector.of(self._verb)
+        self._effector: Effector | None = None
+        if self._verb is not None and load.encoding != "weights":  # weights are no pose that could be measured
+            self._effector = Effector.of(self._verb)
         self._steering: Steering | None = None
         self._goals = None if self._verb is None else Goals.of(self._verb, np.random.default_rng(load.seed))
         if self._goals is not None and load.steer_hz > 0:

@@ -29,6 +29,9 @@ from service.upload.builder import Sandboxes
 
 __all__ = ["CannotServe", "Server", "SharedServer", "config_of", "run", "serve"]
 
+OTHER_FILES = 1_024
+"""Open files besides those of streams."""
+
 DRAIN_S = 0.2
 """Time to write `drain` messages before connections are closed, seconds."""
 
@@ -97,6 +100,7 @@ def run(
         Verbs cannot be loaded, or the store cannot be followed any more.
     """
     sys.setswitchinterval(SWITCH_S)
+    _allow_files(2 * settings.streams + OTHER_FILES)
 
     def ready(catalog: Catalog) -> None:
         # What is loaded stays. A full collection, as Python would do one, stops all work for 50 ms.
@@ -114,6 +118,17 @@ def run(
         server.run(sockets=[listener])
     if server.failed:
         raise CannotServe("verbs cannot be loaded and kept up to date; see the log")
+
+
+def _allow_files(count: int) -> None:
+    """Raise the limit of open files to so many, as far as the system allows; a stream has two."""
+    if sys.platform != "win32":
+        import resource
+
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        wanted = count if hard == resource.RLIM_INFINITY else min(count, hard)
+        if soft != resource.RLIM_INFINITY and wanted > soft:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:

@@ -20,6 +20,9 @@ __all__ = ["Engine", "Work"]
 COMMANDS_S = 0.004
 """Time for commands between two ticks, seconds; the others come after the next tick."""
 
+WAITING_S = 0.002
+"""Longest wait while a client has not read what was sent, seconds."""
+
 IDLE_S = 0.05
 """Longest wait for a command that does not wake the thread, seconds."""
 
@@ -40,8 +43,8 @@ class Work(Protocol):
     def send(self, prepared: Any) -> None:
         """Send a prepared tick."""
 
-    def idle(self, now_s: float) -> None:
-        """Do what is due from time to time, and send what waits."""
+    def idle(self, now_s: float) -> bool:
+        """Do what is due from time to time, and send what waits; return whether something still waits."""
 
 
 class Engine:
@@ -94,7 +97,7 @@ class Engine:
         self._wake.clear()
         self.handle(COMMANDS_S)
         now_s = time.monotonic()
-        self._work.idle(now_s)
+        longest_s = WAITING_S if self._work.idle(now_s) else IDLE_S
         start_s = self._work.start_s()
         if start_s is not None and start_s <= now_s:
             prepared = self._work.prepare()
@@ -102,7 +105,7 @@ class Engine:
                 time.sleep(left_s)
             self._work.send(prepared)
         elif not self._commands:
-            self._wake.wait(IDLE_S if start_s is None else min(start_s - now_s, IDLE_S))
+            self._wake.wait(longest_s if start_s is None else min(start_s - now_s, longest_s))
 
     def handle(self, seconds: float) -> None:
         """Handle commands for so long; a command that fails is logged and has no other effect."""

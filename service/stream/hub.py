@@ -141,8 +141,8 @@ class Hub:
         """Send a prepared tick."""
         self._waiting.update(self.ticks.send(prepared, self._epoch_ns))
 
-    def idle(self, now_s: float) -> None:
-        """Send what waits, continue with new versions, and sweep twice a second."""
+    def idle(self, now_s: float) -> bool:
+        """Send what waits, continue with new versions, and sweep twice a second; return whether something waits."""
         if self._waiting:
             self._flush()
         if self._closing:
@@ -152,6 +152,7 @@ class Hub:
         if now_s >= self._sweep_at_s:
             self._sweep_at_s = now_s + SWEEP_S
             self._sweep(now_s)
+        return bool(self._waiting or self._closing or self._renewing)
 
     def _flush(self) -> None:
         for session in list(self._waiting):

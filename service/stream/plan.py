@@ -19,6 +19,9 @@ from verbs.conventions import F64, I64
 
 __all__ = ["Budgeted", "Part", "Plan", "make"]
 
+MAX_ARRANGED = 32
+"""Arrangements of a session that are kept: one for each of its rates alone, and for some that are due together."""
+
 HEAD_WORDS = 3
 """Words before each message, of which its WebSocket header takes the last 2, 4 or 10 bytes."""
 
@@ -209,9 +212,12 @@ def _part(key: tuple[Group, int], pieces: list[_Piece], bases: list[int]) -> Par
 
 def _arranged(session: Session, rates: frozenset[int]) -> _Arranged:
     """Arrangement of a session's message, kept until its channels change."""
-    found: _Arranged | None = session.arranged.get(rates)
+    own = rates.intersection(session.rates)
+    found: _Arranged | None = session.arranged.get(own)
     if found is None:
-        found = session.arranged[rates] = _arrange(session, rates)
+        if len(session.arranged) >= MAX_ARRANGED:
+            session.arranged.clear()
+        found = session.arranged[own] = _arrange(session, own)
     return found
 
 

@@ -241,18 +241,20 @@ class Session:
             group, numbers, slots = groups[0]
             return int(kernels.aim(numbers, slots, channels, values, MAX_ADVERB, whole, group.characters.goals))
         rows = values.reshape(-1, width)
-        fine = np.all(np.abs(rows) <= MAX_ADVERB, axis=1).tolist()
-        found: list[tuple[Channel, F32]] = []
-        wrong = -1
-        for row, number in enumerate(channels.tolist()):
-            channel = self.channels.get(number)
-            if channel is None or not fine[row] or channel.group.characters.goals.shape[1] != width:
-                wrong = row
-                break
-            found.append((channel, rows[row]))
-        if wrong < 0 or not whole:
-            for channel, goal in found:
-                channel.group.characters.goals[channel.slot] = goal
+        fine = np.zeros(len(channels), np.bool_)
+        places = []
+        for group, numbers, slots in groups:
+            if group.characters.goals.shape[1] == width:
+                at = np.minimum(np.searchsorted(numbers, channels), len(numbers) - 1)
+                found = numbers[at] == channels
+                places.append((group, found, slots[at]))
+                fine |= found
+        fine &= np.all(np.abs(rows) <= MAX_ADVERB, axis=1)  # NaN compares false
+        wrong = -1 if fine.all() else int(np.argmin(fine))
+        count = len(channels) if wrong < 0 else 0 if whole else wrong
+        for group, found, slots in places:
+            chosen = np.flatnonzero(found[:count])
+            group.characters.goals[slots[chosen]] = rows[chosen]
         return wrong
 
     def _by_group(self) -> list[tuple[Group, I64, I64]]:

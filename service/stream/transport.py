@@ -89,7 +89,10 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         found = self.transport.get_extra_info("socket")
         if sys.platform == "win32" or found is None or self.transport.get_extra_info("ssl_object") is not None:
             return None
-        copy = socket.socket(fileno=os.dup(found.fileno()))
+        try:
+            copy = socket.socket(fileno=os.dup(found.fileno()))
+        except OSError:  # too many open files: the transport can still write
+            return None
         copy.setblocking(False)
         return copy
 

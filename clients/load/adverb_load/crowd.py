@@ -294,8 +294,7 @@ class Crowd:
         late_ms = counts.late_ns[: totals.delivered] * 1e-6
         late = np.quantile(late_ms, [0.5, 0.95, 0.99, 1.0]).tolist() if late_ms.size else [float("nan")] * 4
         measured = float("nan")
-        posed = load.encoding != "weights"  # weights are poses only together with the verb
-        if posed and totals.samples and self._effector is not None and self._goals is not None:
+        if totals.samples and self._effector is not None and self._goals is not None:
             measured = float(
                 errors_of(
                     counts.samples[: totals.samples], counts.sampled[: totals.samples, 1], load.channels - 1,

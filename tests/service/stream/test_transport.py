@@ -9,7 +9,9 @@ import socket
 import struct
 import threading
 import time
+from contextlib import suppress
 from functools import partial
+from queue import Empty, SimpleQueue
 
 import anyio
 import pytest
@@ -45,26 +47,31 @@ class Posting:
         transport = scope["extensions"][TRANSPORT]
         loop = asyncio.get_running_loop()
         connection = DirectConnection(loop, lambda: None, transport.duplicate(), transport.close_transport)
-        await transport.hand_over(_Now(connection))
-        thread = threading.Thread(target=self.post, args=(connection,))
+        orders = SimpleQueue()
+        await transport.hand_over(_Ordered(connection, orders))
+        thread = threading.Thread(target=self.post, args=(connection, orders))
         thread.start()
         while (await receive())["type"] != "websocket.disconnect":
             pass
         await anyio.to_thread.run_sync(thread.join)
         self.over.set()
 
-    def post(self, connection):
+    def post(self, connection, orders):
         for length in LENGTHS:
             connection.write(frame_head(BINARY, length) + content(length))
         end = time.monotonic() + PATIENCE_S
         while not connection.lost and time.monotonic() < end:
             connection.flush()
-            time.sleep(0.002)
+            with suppress(Empty):
+                orders.get(timeout=0.002)()
 
 
-class _Now:
-    def __init__(self, connection):
-        self.write, self.close = connection.write, connection.close
+class _Ordered:
+    """Hands what the library writes to the thread that writes the socket."""
+
+    def __init__(self, connection, orders):
+        self.write = lambda data: orders.put(partial(connection.write, data))
+        self.close = lambda: orders.put(connection.close)
 
 
 @pytest.fixture

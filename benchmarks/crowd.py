@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.timing import interleave
+from service.packing import pack_step
 from service.stream.kernels import DIRECT, Lines, send_messages
-from service.wire import Layout, Targets, pack_step
+from service.wire import Layout, Targets
 from verbs import Characters, Evaluator, Verb, library
 from verbs.authoring.fit import build
 from verbs.kernels.compile import direct, kernel

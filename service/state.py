@@ -11,7 +11,7 @@ import anyio
 import numpy as np
 import structlog
 
-from service import wire
+from service import packing
 from service.catalog import catalog as catalogs
 from service.catalog.catalog import Catalog, Entry
 from service.catalog.store_sync import StoreSync, load_with_retry
@@ -158,7 +158,7 @@ class ServerState:
 
     def _load(self) -> Catalog:
         """Warm kernels, open the store, and load the verbs."""
-        wire.warm()
+        packing.warm()
         kernels.warm()
         settings = self.settings
         if settings.data is None:

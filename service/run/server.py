@@ -196,7 +196,7 @@ class SharedServer(Server):
         await super().startup([])
         assert sockets is not None
         self._acceptor = Acceptor(sockets[0], self._loads, self._number, protocol=self._protocol, load=self._load)
-        self._hub.on_characters = self._acceptor.write
+        self._hub.channels.on_characters = self._acceptor.write
 
     def _load(self) -> int:
         """Characters, or connections where these are more, since most streams open characters a little later."""

@@ -27,12 +27,12 @@ def load_serving() -> None:
     import httptools  # noqa: F401 - uvicorn imports it by name
     import uvloop  # noqa: F401 - the same
 
-    from service import wire
+    from service import packing
     from service.catalog import catalog
     from service.run import server  # noqa: F401
     from service.stream import kernels
 
-    wire.warm()
+    packing.warm()
     kernels.warm()
     catalog.load(None)
 
@@ -90,13 +90,13 @@ def main() -> None:
 
 def _compile() -> None:
     """Compile the kernels of streams and of the methods but the longest."""
-    from service import wire
+    from service import packing
     from service.stream import kernels
     from verbs import library
     from verbs.runtime.characters import Characters
     from verbs.runtime.evaluate import Evaluator
 
-    wire.warm()
+    packing.warm()
     kernels.warm()
     Characters(Evaluator(library.load("arm3"))).warm()
     _evaluate("barycentric")

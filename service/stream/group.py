@@ -8,9 +8,10 @@ import numpy as np
 import orjson
 
 from service.catalog.catalog import Entry
+from service.packing import Step
 from service.stream.kernels import passed_keytimes
 from service.stream.messages import Open
-from service.wire import Layout, Step, offsets_in
+from service.wire import Layout, offsets_in
 from verbs.conventions import F32, I64
 from verbs.runtime.characters import Characters
 

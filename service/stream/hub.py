@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -16,25 +15,23 @@ import numpy as np
 import structlog
 
 from service import errors
-from service.catalog.catalog import Catalog, Entry
-from service.errors import ChannelInUse, ServiceError, TooManyChannels, UnknownSession
+from service.catalog.catalog import Catalog
+from service.errors import ServiceError, UnknownSession
 from service.metrics import Metrics
 from service.refinement.usage import Usage
 from service.settings import Settings
 from service.stream.channel import opened
+from service.stream.channels import Channels
 from service.stream.connection import Connection
 from service.stream.engine import Engine
-from service.stream.group import Form, Group
 from service.stream.interest import Interest
 from service.stream.kernels import U16
 from service.stream.messages import Close, Open, Ping, Resume, Set, Switch, View
 from service.stream.sampling import CharacterSampler
-from service.stream.session import Channel, LineTable, Session
+from service.stream.session import LineTable, Session
 from service.stream.ticks import Prepared, Ticks
-from service.wire import NEW_VERSION
 from verbs.conventions import F32
 from verbs.errors import VerbError
-from verbs.runtime.characters import VERSION_S
 
 __all__ = ["Hub"]
 
@@ -42,9 +39,6 @@ SWEEP_S = 0.5
 
 END_S = 1.0
 """Time for the last commands when the engine ends, seconds."""
-
-RENEW_S = 0.004
-"""Time in which channels are moved to new versions before each tick, seconds; the others follow after the tick."""
 
 log = structlog.get_logger("adverb.stream")
 
@@ -65,29 +59,25 @@ class Hub:
     ----------
     connections : int
         Number of connections; the event loop counts them.
-    on_characters : callable
-        Called by the engine when the number of characters has changed.
     """
 
     def __init__(self, settings: Settings, metrics: Metrics, catalog: Callable[[], Catalog], usage: Usage) -> None:
-        self.settings, self.metrics, self._catalog = settings, metrics, catalog
+        self.settings, self.metrics = settings, metrics
         self._sampler = CharacterSampler(usage)
         self.sessions: dict[str, Session] = {}
         self.connections, self.draining = 0, False
         self.engine = Engine(self)
         self.post = self.engine.post
-        self.on_characters: Callable[[], None] = lambda: None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._table = LineTable()
-        self._groups: dict[tuple[str, int, str], Group] = {}
         self._waiting: set[Session] = set()
         self._closing: set[Connection] = set()
         self._session_of: dict[Connection, Session] = {}
         self._connections: set[Connection] = set()
-        self._renewing: deque[tuple[Channel, Catalog]] = deque()
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._sweep_at_s = time.monotonic() + SWEEP_S
         self.ticks = Ticks(time.monotonic(), self._table, metrics)
+        self.channels = Channels(settings, catalog, self.ticks, self._send)
 
     # ── called by the event loop ─────────────────────────────────────────────────────────────────────────────────
 
@@ -122,7 +112,7 @@ class Hub:
 
     def set_catalog(self, catalog: Catalog) -> None:
         """Continue characters, from the next ticks on, with the versions of a new catalog."""
-        self.post(self._renew_all, catalog)
+        self.post(self._continue_with, catalog)
 
     # ── the engine's work ────────────────────────────────────────────────────────────────────────────────────────
 
@@ -147,12 +137,15 @@ class Hub:
             self._flush()
         if self._closing:
             self._closing = {connection for connection in self._closing if not connection.flush()}
-        if self._renewing:
-            self._renew_some()
+        if self.channels.renewing:
+            self.channels.renew_some()
         if now_s >= self._sweep_at_s:
             self._sweep_at_s = now_s + SWEEP_S
             self._sweep(now_s)
-        return bool(self._waiting or self._closing or self._renewing)
+        return bool(self._waiting or self._closing or self.channels.renewing)
+
+    def _continue_with(self, catalog: Catalog) -> None:
+        self.channels.renew_all(catalog, self.sessions.values())
 
     def _flush(self) -> None:
         for session in list(self._waiting):
@@ -219,7 +212,7 @@ class Hub:
         """End a session and its characters."""
         if self.sessions.pop(session.id, None) is not None:
             for number in list(session.channels):
-                self._close(session, number)
+                self.channels.close(session, number)
             self._waiting.discard(session)
             session.end()
             self.ticks.reconnected()
@@ -242,7 +235,7 @@ class Hub:
             message = session.interest.stats(now_s) if session.interest is not None else None
             if message is not None:
                 self._send(session, message)
-        samples = self._sampler.take(self._groups.values())
+        samples = self._sampler.take(self.channels.groups.values())
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._sampler.record, samples)
 
@@ -279,14 +272,14 @@ class Hub:
     def _apply(self, session: Session, connection: Connection, message: Any) -> None:
         match message:
             case Open():
-                self._open(session, message)
+                self.channels.open(session, message)
             case Set():
-                self._set(session, message)
+                self.channels.set(session, message)
             case Switch():
-                self._switch(session, message)
+                self.channels.switch(session, message)
             case Close():
                 session.channel(message.channel)
-                self._close(session, message.channel)
+                self.channels.close(session, message.channel)
             case View():
                 self._view(session, message)
             case Ping():
@@ -320,144 +313,3 @@ class Hub:
             session.interest.follow(was)
         if (was is None) != (session.interest is None):
             self.ticks.reconnected()
-
-    def _open(self, session: Session, request: Open) -> None:
-        """Start a character."""
-        if request.channel in session.channels:
-            raise ChannelInUse(f"channel {request.channel} is already open; close it first, or switch it")
-        if len(session.channels) >= self.settings.stream_channels:
-            raise TooManyChannels(f"a stream may have at most {self.settings.stream_channels} channels")
-        if self.characters >= self.settings.stream_characters:
-            raise TooManyChannels(f"the server has its maximum of {self.settings.stream_characters} channels")
-        entry = self._catalog().entry(request.verb)
-        group = self._group(entry, request.method)
-        form = Form.of(request)
-        layout = group.layout(form)
-        slot = group.characters.add(
-            request.adverbs,
-            phase=request.phase,
-            speed=request.speed,
-            playing=request.play,
-            looping=request.loop,
-            half_life_s=request.half_life,
-            following=request.follow,
-        )
-        channel = Channel(
-            *(request.channel, session, group, slot, request.fps, layout, form),
-            events=request.events,
-            priority=request.priority,
-        )
-        session.channels[request.channel] = channel
-        self.ticks.add(session, channel.fps, time.monotonic())
-        self.on_characters()
-        self._send(session, opened(channel))
-
-    def _set(self, session: Session, request: Set) -> None:
-        """Change a character."""
-        channel = session.channel(request.channel)
-        characters, slot = channel.group.characters, channel.slot
-        row = None
-        if request.adverbs is not None:
-            names = [adverb.name for adverb in characters.verb.adverbs]
-            now = dict(zip(names, characters.goals[slot].tolist(), strict=True))
-            row = characters.row({**now, **request.adverbs})
-        characters.set(
-            slot,
-            phase=request.phase,
-            speed=request.speed,
-            playing=request.play,
-            looping=request.loop,
-            half_life_s=request.half_life,
-            following=request.follow,
-        )
-        if row is not None:
-            characters.aim(slot, row)
-        if request.priority is not None:
-            channel.priority = request.priority
-        if request.fps is not None and request.fps != channel.fps:
-            self.ticks.drop(session, channel.fps)
-            channel.fps = request.fps
-            self.ticks.add(session, channel.fps, time.monotonic())
-
-    def _switch(self, session: Session, request: Switch) -> None:
-        """Switch a character to another verb."""
-        channel = session.channel(request.channel)
-        entry = self._catalog().entry(request.verb)
-        group = self._group(entry, request.method)
-        layout = group.layout(channel.form)
-        slot = group.characters.go_on(
-            *(channel.group.characters, channel.slot, request.adverbs),
-            phase=request.phase,
-            transition_s=request.transition_s,
-        )
-        self._move(channel, group, slot, layout)
-        self._send(session, opened(channel))
-
-    def _close(self, session: Session, number: int) -> None:
-        channel = session.channels.pop(number)
-        self.ticks.drop(session, channel.fps)
-        channel.group.characters.remove(channel.slot)
-        self.on_characters()
-
-    # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
-
-    def _renew_all(self, catalog: Catalog) -> None:
-        channels = [channel for session in self.sessions.values() for channel in session.channels.values()]
-        self._renewing = deque((channel, catalog) for channel in channels)
-        self._renew_some()
-
-    def _renew_some(self) -> None:
-        """Move channels to new versions for :data:`RENEW_S`."""
-        end_s = time.monotonic() + RENEW_S
-        while self._renewing and time.monotonic() < end_s:
-            channel, catalog = self._renewing.popleft()
-            if channel.session.channels.get(channel.number) is channel:
-                self._renew(channel, catalog)
-        if not self._renewing:
-            used = {channel.group.key for session in self.sessions.values() for channel in session.channels.values()}
-            self._groups = {key: group for key, group in self._groups.items() if key in used}
-
-    def _renew(self, channel: Channel, catalog: Catalog) -> None:
-        was = channel.group
-        entry = catalog.entries.get(was.entry.verb.name)
-        if entry is None or entry is was.entry:
-            return  # a verb that is no longer served plays to its end
-        try:
-            group = self._group(entry, was.characters.method)
-            layout = group.layout(channel.form)
-            if _names(entry) != _names(was.entry):
-                raise VerbError(f"its adverbs are {', '.join(_names(entry))}")
-            slot = group.characters.go_on(was.characters, channel.slot, transition_s=VERSION_S, same=True)
-        except VerbError as err:
-            detail = f"version {entry.version} of '{entry.verb.name}' cannot continue this channel: {err}"
-            self._send(
-                channel.session,
-                {"op": "error", "channel": channel.number, "code": "bad_request", "detail": detail},
-            )
-            return
-        channel.flags |= NEW_VERSION
-        self._move(channel, group, slot, layout)
-        self._send(
-            channel.session,
-            {"op": "version", "channel": channel.number, "version": entry.version, "record_bytes": 4 * layout.words},
-        )
-
-    # ── parts ────────────────────────────────────────────────────────────────────────────────────────────────────
-
-    def _move(self, channel: Channel, group: Group, slot: int, layout: Any) -> None:
-        channel.group.characters.remove(channel.slot)
-        channel.group, channel.slot, channel.layout = group, slot, layout
-        self.ticks.changed(channel.session)
-
-    def _group(self, entry: Entry, method: str | None) -> Group:
-        entry.check(method=method)
-        name = entry.evaluator.method(method)[0]
-        whole = entry.verb.name, entry.version, name
-        found = self._groups.get(whole)
-        if found is None or found.entry is not entry:
-            found = self._groups[whole] = Group(entry, name)
-        return found
-
-
-def _names(entry: Entry) -> list[str]:
-    return [adverb.name for adverb in entry.verb.adverbs]

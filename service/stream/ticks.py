@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from service.metrics import Metrics
+from service.packing import Step, pack_step
 from service.stream import kernels, plan
 from service.stream.connection import DirectConnection, LoopConnection
 from service.stream.kernels import NOT_SENT
 from service.stream.plan import Part, Plan
 from service.stream.session import LineTable, Session
-from service.wire import HEADER_WORDS, NEW_VERSION, Step, pack_step
+from service.wire import HEADER_WORDS, NEW_VERSION
 from verbs.conventions import I64
 
 __all__ = ["Prepared", "Ticks"]

@@ -8,7 +8,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from service.wire import CLAMPED, FRAMES, IN_TRANSITION, LAST, Layout, Targets, pack, pack_step, record
+from service.packing import pack, pack_step
+from service.wire import CLAMPED, FRAMES, IN_TRANSITION, LAST, Layout, Targets, record
 from tests.verbs.plain_characters import Plain, change, plain_pose
 from verbs import Characters, Evaluator, library
 from verbs.kernels import pose

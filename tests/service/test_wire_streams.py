@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.wire import ENCODINGS, FRAMES, HEADER, Layout, Targets, offsets_in, pack
+from service.packing import pack
+from service.wire import ENCODINGS, FRAMES, HEADER, Layout, Targets, offsets_in
 from tests.service.stream.conftest import Client, rotation
 from verbs.kernels import character_state, quat
 from verbs.runtime.characters import Frames

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from service import wire
+from service import packing
 from service.app import create_app
 from service.catalog.catalog import Catalog
 from service.run.server import Server, config_of
@@ -22,7 +22,7 @@ def serve(catalog: Catalog) -> Iterator[str]:
     app = create_app(settings)
 
     async def opened() -> None:
-        wire.warm()
+        packing.warm()
         app.state.server.set_catalog(catalog)
 
     app.state.server.run = opened

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from websockets.asyncio.client import connect
 
-from service import wire
+from service import packing
 from service.app import create_app
 from service.run.server import Server as Uvicorn
 from service.run.server import config_of
@@ -37,7 +37,7 @@ class Server:
 
         async def loaded():
             self.loop = asyncio.get_running_loop()
-            wire.warm()
+            packing.warm()
             kernels.warm()
             self.state.set_catalog(catalog)
 

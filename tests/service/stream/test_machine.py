@@ -185,7 +185,7 @@ class Streams(RuleBasedStateMachine):
         assert not self.wire.task.done()
         assert {number for session in hub.sessions.values() for number in session.channels} == self.open
         assert hub.characters == len(self.open) <= 3
-        assert sum(len(group.characters) for group in hub._groups.values()) == len(self.open)
+        assert sum(len(group.characters) for group in hub.channels.groups.values()) == len(self.open)
         assert len(hub.sessions) == 1
 
     def teardown(self):

@@ -369,7 +369,7 @@ async def test_closed_channels_leave_nothing_behind(server):
         await client.for_seconds(0.1)
         assert not client.frames
     await eventually(lambda: not server.hub.sessions)
-    assert all(len(group.characters) == 0 for group in server.hub._groups.values())
+    assert all(len(group.characters) == 0 for group in server.hub.channels.groups.values())
 
 
 async def test_metrics_tell_of_streams(server):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from service.packing import pack
 from service.stream.messages import CLIENT, SERVER
-from service.wire import HEADER, OP_POSES, WIRE, Layout, Targets, pack
+from service.wire import HEADER, OP_POSES, WIRE, Layout, Targets
 from verbs.kernels import character_state
 from verbs.runtime.characters import Frames
 from verbs.runtime.evaluate import Blend

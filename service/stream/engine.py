@@ -20,12 +20,6 @@ __all__ = ["Engine", "Work"]
 COMMANDS_S = 0.004
 """Time for commands between two ticks, seconds; the others come after the next tick."""
 
-WAITING_S = 0.002
-"""Longest wait while a client has not read what was sent, seconds."""
-
-IDLE_S = 0.05
-"""Longest wait for a command that does not wake the thread, seconds."""
-
 JOIN_S = 10.0
 
 log = structlog.get_logger("adverb.stream")
@@ -43,8 +37,8 @@ class Work(Protocol):
     def send(self, prepared: Any) -> None:
         """Send a prepared tick."""
 
-    def idle(self, now_s: float) -> bool:
-        """Do what is due from time to time, and send what waits; return whether something still waits."""
+    def idle(self, now_s: float) -> float:
+        """Do what is due from time to time, and send what waits; return the seconds until it is called again."""
 
 
 class Engine:
@@ -97,7 +91,7 @@ class Engine:
         self._wake.clear()
         self.handle(COMMANDS_S)
         now_s = time.monotonic()
-        longest_s = WAITING_S if self._work.idle(now_s) else IDLE_S
+        longest_s = self._work.idle(now_s)
         start_s = self._work.start_s()
         if start_s is not None and start_s <= now_s:
             prepared = self._work.prepare()

@@ -37,6 +37,12 @@ __all__ = ["Hub"]
 
 SWEEP_S = 0.5
 
+WAITING_S = 0.002
+"""Interval at which a connection is tried again whose client has not read what was sent, seconds."""
+
+IDLE_S = 0.05
+"""Longest time for which a command waits that does not wake the engine, seconds."""
+
 END_S = 1.0
 """Time for the last commands when the engine ends, seconds."""
 
@@ -131,8 +137,8 @@ class Hub:
         """Send a prepared tick."""
         self._waiting.update(self.ticks.send(prepared, self._epoch_ns))
 
-    def idle(self, now_s: float) -> bool:
-        """Send what waits, continue with new versions, and sweep twice a second; return whether something waits."""
+    def idle(self, now_s: float) -> float:
+        """Send what waits, continue with new versions, and sweep twice a second; return when to do so again, s."""
         if self._waiting:
             self._flush()
         if self._closing:
@@ -142,7 +148,9 @@ class Hub:
         if now_s >= self._sweep_at_s:
             self._sweep_at_s = now_s + SWEEP_S
             self._sweep(now_s)
-        return bool(self._waiting or self._closing or self.channels.renewing)
+        if self.channels.renewing:
+            return 0.0
+        return WAITING_S if self._waiting or self._closing else IDLE_S
 
     def _continue_with(self, catalog: Catalog) -> None:
         self.channels.renew_all(catalog, self.sessions.values())

@@ -256,7 +256,7 @@ class LoopConnection(Connection):
 
     def _deliver(self) -> None:
         self._delivering = False
-        while self.pending and self.ending is None and not self.lost:
+        while self.pending and not self.lost:
             message = self.pending[0]
             assert not isinstance(message, bytes)
             try:

@@ -7,7 +7,9 @@ from shutil import which
 
 import numpy as np
 import pytest
+from websockets.exceptions import ConnectionClosed
 
+from service.stream.transport import StreamProtocol
 from tests.service.stream.conftest import Server, eventually, open_stream
 
 pytestmark = pytest.mark.anyio
@@ -28,6 +30,19 @@ def secured(catalog, tmp_path_factory):
     server.start()
     yield server, ssl.create_default_context(cafile=folder / "cert.pem")
     server.stop()
+
+
+async def test_a_stopping_server_says_so_where_the_event_loop_writes(serve, monkeypatch):
+    monkeypatch.setattr(StreamProtocol, "duplicate", lambda self: None)
+    with serve() as server:
+        async with open_stream(server) as client:
+            await client.open(1, "arm3")
+            await client.poses(2)
+            server.uvicorn.should_exit = True
+            await client.until("drain")
+            with pytest.raises(ConnectionClosed) as closed:
+                await client.until("never")
+    assert closed.value.rcvd.code == 1012
 
 
 async def test_a_stream_under_tls(secured):

@@ -17,7 +17,7 @@ from verbs.kernels.compile import kernel
 from verbs.kernels.crowd_pose import Curves, blend_sorted, finish_double, share, sums
 from verbs.kernels.pose import multiply
 
-__all__ = ["apply", "begin", "place", "place_row", "poses", "redisplay", "step_back"]
+__all__ = ["apply", "begin", "place", "place_row", "poses", "redisplay", "restart", "step_back"]
 
 
 @kernel
@@ -99,6 +99,27 @@ def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
         _unwrap(early, offsets[0, to : to + 3])
         for a in range(3):
             offsets[1, to + a] = (offsets[0, to + a] - early[a]) / step_s
+
+
+@kernel
+def restart(slots: I64, state: Records, frames: F64, offsets: F64, ahead: F64, transition_s: float) -> None:
+    """Start the transitions of motions that start over, from their stored frames.
+
+    Parameters
+    ----------
+    slots : (B,) int64
+    state : (C,) of :data:`verbs.kernels.character_state.CHARACTER`
+    frames, offsets : (S, 2, 3 + 4·J), (S, 2, 3 + 3·J) float64
+        Stored frames; the offsets are written.
+    ahead : (B, 2, 3 + 4·J) float64
+        The first two frames of each motion; overwritten.
+    transition_s : float
+    """
+    for b in range(slots.shape[0]):
+        row = state[slots[b]]
+        row["since_s"], row["transition_s"], row["calm"] = 0.0, transition_s, 0
+        step_back(ahead[b])  # the motion is already less than a step further
+        begin(row["step_s"], frames[row["held"]], ahead[b], offsets[row["held"]])
 
 
 @kernel

@@ -31,6 +31,7 @@ _advance, _follow, _walk = (direct(one) for one in (character_state.advance, fol
 _copy_single, _copy_double = direct(character_state.copy_rows), direct(character_state.copy_rows)
 _poses = direct(inertialization.poses)
 _apply, _redisplay = direct(inertialization.apply), direct(inertialization.redisplay)
+_restart = direct(inertialization.restart)
 
 HALF_LIFE_S = 0.1
 MAX_SPEED = 10.0
@@ -360,9 +361,7 @@ class Characters(CharacterPool):
         if self.verb.measure.kind == measures.JUMP:
             for slot in slots.tolist():
                 self._stand(slot, self.world(slot))
-        for slot, ahead in zip(slots.tolist(), self._ahead(slots), strict=True):
-            inertialization.step_back(ahead)  # it is already less than a step further
-            self._begin(slot, ahead, RESTART_S)
+        _restart(slots, self.state, self.stored.frames, self.stored.offsets, self._ahead(slots), RESTART_S)
 
     def _begin(self, slot: int, ahead: F64, transition_s: float) -> None:
         """Start a transition from the stored frames to the two of the motion that is ahead."""

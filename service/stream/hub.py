@@ -22,7 +22,7 @@ from service.refinement.usage import Usage
 from service.settings import Settings
 from service.stream.channel import opened
 from service.stream.channels import Channels
-from service.stream.connection import Connection
+from service.stream.connection import Connection, DirectConnection
 from service.stream.engine import Engine
 from service.stream.interest import Interest
 from service.stream.kernels import U16
@@ -184,6 +184,8 @@ class Hub:
     def leave(self, connection: Connection, for_good: bool) -> None:
         """Handle the end of a connection: keep its session for the grace time, or close it."""
         session = self._session_of.pop(connection, None)
+        if not isinstance(connection, DirectConnection):
+            connection.cut()  # the event loop closes it; a direct one is closed when its transport is
         if session is None:
             return  # another connection resumed the session
         session.detach(time.monotonic())

@@ -194,6 +194,8 @@ class Streams(RuleBasedStateMachine):
         assert not hub.sessions
         assert hub.characters == 0
         assert hub.connections == 0
+        hub._sweep(time.monotonic())
+        assert not hub._connections
         self.loop.close()
 
 

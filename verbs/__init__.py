@@ -6,7 +6,7 @@ Public names; each docstring gives shapes, units and errors:
 
 - :func:`build` a verb from a source folder (:class:`Built`); :func:`load` and :func:`save` a ``.verb`` file.
 - :class:`Verb` with its parts :class:`Adverb`, :class:`Skeleton`, :class:`Measure`, :class:`Domain`, :class:`Chart`,
-  :class:`Basis`: arrays of float64 in metres, seconds and radians; adverbs in their declared unit.
+  :class:`Basis`, :class:`Contacts`: arrays in metres, seconds and radians; adverbs in their declared unit.
 - :class:`Evaluator`: adverbs (B, D) to a :class:`Blend`, weights (B, N) with error, and to :class:`Poses`, roots (B, 3)
   and rotations (B, J, 4).
 - :class:`Characters`: state of many characters over time; a step gives :class:`Frames`.
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from verbs.authoring.fit import Built, build
+    from verbs.contacts import Contacts
     from verbs.errors import VerbError
     from verbs.io.artifact import load, save
     from verbs.motion import Motion
@@ -36,6 +37,7 @@ __all__ = [
     "Built",
     "Characters",
     "Chart",
+    "Contacts",
     "Domain",
     "Evaluator",
     "Frames",
@@ -52,6 +54,7 @@ __all__ = [
 
 _MODULES = {
     "authoring.fit": ("Built", "build"),
+    "contacts": ("Contacts",),
     "errors": ("VerbError",),
     "io.artifact": ("load", "save"),
     "motion": ("Motion",),

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from verbs.contacts import Contacts
 from verbs.conventions import F32, F64, I64, MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, freeze
 from verbs.errors import IllPosedVerb, UnknownName
 from verbs.kernels import chart as charts
@@ -253,6 +254,8 @@ class Verb:
         ``"rbf"`` always; others as methods need them.
     quality, provenance : mapping
         JSON values: measured figures, and where the verb came from.
+    contacts : Contacts or None
+        When the feet stand in the examples; None in a verb without feet, and in files that were written without.
     """
 
     name: str
@@ -275,6 +278,7 @@ class Verb:
     bases: Mapping[str, Basis]
     quality: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    contacts: Contacts | None = None
 
     def __post_init__(self) -> None:
         freeze(self)
@@ -309,6 +313,16 @@ class Verb:
         for name, basis in self.bases.items():
             fits = basis.centers.shape[1] == dims and basis.radial.shape[1] == count
             _check(fits, f"basis '{name}' does not fit the examples")
+        if self.contacts is not None:
+            self._check_contacts(self.contacts, count, joints)
+
+    def _check_contacts(self, contacts: Contacts, count: int, joints: int) -> None:
+        shape = (self.intervals + 1, count, len(contacts))
+        _check(contacts.values.shape == shape, "contacts must be keys × examples × points")
+        for indices in (contacts.feet, contacts.joints):
+            _check(bool(np.all((indices >= 0) & (indices < joints))), "contacts of a joint that does not exist")
+        within = self.looping or bool(np.all(contacts.intervals[:, 1] <= 1.0))
+        _check(within, "a contact ends after the motion")
 
     def _check_measure(self, dims: int, joints: int, marks: int) -> None:
         measure = self.measure

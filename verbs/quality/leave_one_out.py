@@ -46,6 +46,7 @@ def subset(verb: Verb, kept: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Verb
         domain=bases.domain_of(chart, values),
         bases=fields,
         provenance={key: value for key, value in verb.provenance.items() if key != "simplices"},
+        contacts=None if verb.contacts is None else verb.contacts.subset(kept),
     )
 
 

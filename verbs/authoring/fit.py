@@ -17,6 +17,7 @@ import numpy as np
 from verbs.authoring import apex, basis, charts, curves
 from verbs.authoring.measuring import measure_of
 from verbs.authoring.source import Source, SourceExample, read
+from verbs.authoring.stated_contacts import contacts_of
 from verbs.blend.methods import default_method
 from verbs.conventions import F64
 from verbs.domain import describe, random_points
@@ -121,6 +122,9 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     fields, reason = _bases(source, draft, values)
     verb = replace(draft, values=values, adverbs=_ranges(draft.adverbs, draft.measure, values), **fields)
     report("solving the basis", 1, 1)
+    report("contacts", 0, 1)
+    verb = replace(verb, contacts=contacts_of(source, verb, motions, keytimes))
+    report("contacts", 1, 1)
     report("quality", 0, 1)
     quality = {"chart_reason": reason, **_quality(verb, motions, keytimes)}
     report("quality", 1, 1)

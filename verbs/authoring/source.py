@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from verbs import units
+from verbs.authoring.source_contacts import SourceContact, read_contacts
 from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYTIMES, MAX_MAGNITUDE, METRES_PER_UNIT
 from verbs.errors import SourceError
 from verbs.kernels.chart import CHARTS
@@ -28,6 +29,7 @@ ROTATIONS = ("quaternion", "rotation_vector")
 _KEYS = {
     "name", "description", "looping", "root", "effector", "effector_keytime_index", "measure", "keytime_names",
     "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
+    "contact", "contacts",
 }  # fmt: skip
 
 _TABLE_KEYS = {
@@ -35,6 +37,7 @@ _TABLE_KEYS = {
     "example": {"file", "keytimes", "adverb_values"},
     "units": {"length", "time", "adverb_angle"},
     "goal": {"origin", "axes"},
+    "contact": {"joint", "part", "intervals"},
 }
 """Keys with a meaning, at the top level and in each table."""
 
@@ -73,7 +76,8 @@ class Source:
     """A checked ``verb.toml``.
 
     ``goal`` is empty, or an origin and one axis per measured adverb, three numbers each: where the adverbs of a sheet
-    lie in space. ``provenance`` keeps every key that has no meaning here; ``warnings`` name likely misspellings.
+    lie in space. ``has_contacts`` is false where contacts are turned off; ``contacts`` are those that replace what
+    detection finds. ``provenance`` keeps every key that has no meaning here; ``warnings`` name likely misspellings.
     """
 
     path: Path
@@ -92,6 +96,8 @@ class Source:
     examples: tuple[SourceExample, ...]
     simplices: tuple[tuple[int, ...], ...]
     goal: tuple[tuple[float, ...], ...]
+    has_contacts: bool
+    contacts: tuple[SourceContact, ...]
     provenance: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
 
@@ -152,11 +158,13 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
         raise SourceError(
             path, f"effector_keytime_index is {effector_keytime}; the keytimes are 0 to {len(keytime_names) - 1}"
         )
+    looping = reader.flag(table, "looping", default=False)
+    has_contacts, contacts = read_contacts(path, table, [example.name for example in examples], looping=looping)
     return Source(
         path=path,
         name=name,
         description=reader.text(table, "description", default=""),
-        looping=reader.flag(table, "looping", default=False),
+        looping=looping,
         root=reader.text(table, "root", default="") or None,
         effector=reader.text(table, "effector", default="") or None,
         effector_keytime=effector_keytime,
@@ -169,6 +177,8 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
         examples=examples,
         simplices=_simplices(reader, table, len(examples), len(adverbs)),
         goal=_goal(reader, table, sum(not adverb.style for adverb in adverbs)),
+        has_contacts=has_contacts,
+        contacts=contacts,
         provenance={key: value for key, value in table.items() if key not in _KEYS},
     )
 

@@ -90,7 +90,7 @@ def test_two_builds_give_the_same_bytes(tmp_path):
 def test_progress_ends_every_stage(tmp_path):
     seen = {}
     build(arm_source(tmp_path), progress=lambda stage, done, total: seen.__setitem__(stage, (done, total)))
-    assert set(seen) == {"reading motions", "fitting curves", "solving the basis", "quality"}
+    assert set(seen) == {"reading motions", "fitting curves", "solving the basis", "contacts", "quality"}
     assert all(done == total for done, total in seen.values())
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import save as serialize
 
+from verbs.contacts import Contacts
 from verbs.errors import ArtifactCorrupt, ArtifactError, ArtifactVersionError, VerbError
 from verbs.kernels import measure as measures
 from verbs.skeleton import Skeleton
@@ -32,6 +33,9 @@ MAX_HEADER_BYTES = 16 * 1024 * 1024
 MAX_BYTES = 4 * 1024 * 1024 * 1024
 
 _DTYPES: dict[str, np.dtype[Any]] = {"F32": np.dtype("<f4"), "F64": np.dtype("<f8"), "I64": np.dtype("<i8")}
+
+_CONTACTS = ("feet", "joints", "parts", "offsets", "heights", "values", "intervals", "owners")
+"""Arrays of contacts; a file has all of them or none."""
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 
@@ -166,6 +170,8 @@ def _arrays(verb: Verb) -> Arrays:
         prefix = f"bases.{name}"
         arrays |= {f"{prefix}.{key}": getattr(basis, key) for key in ("centers", "radii", "radial", "poly")}
         arrays |= _chart_arrays(prefix, basis.chart)
+    if verb.contacts is not None:
+        arrays |= {f"contacts.{key}": getattr(verb.contacts, key) for key in _CONTACTS}
     return {name: np.ascontiguousarray(array) for name, array in sorted(arrays.items())}
 
 
@@ -248,6 +254,12 @@ def _basis(arrays: Arrays, name: str, facts: dict[str, Any]) -> Basis:
     )
 
 
+def _contacts(arrays: Arrays) -> Contacts | None:
+    if not any(name.startswith("contacts.") for name in arrays):
+        return None
+    return Contacts(**{key: arrays[f"contacts.{key}"] for key in _CONTACTS})
+
+
 def _verb(arrays: Arrays, facts: dict[str, Any]) -> Verb:
     skeleton = Skeleton(
         tuple(facts["joints"]),
@@ -289,4 +301,5 @@ def _verb(arrays: Arrays, facts: dict[str, Any]) -> Verb:
         bases={name: _basis(arrays, name, row) for name, row in facts["bases"].items()},
         quality=facts["quality"],
         provenance=facts["provenance"],
+        contacts=_contacts(arrays),
     )

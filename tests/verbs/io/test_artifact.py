@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
+from tests.verbs import walker
 from tests.verbs.sources import arm_source
 from verbs.authoring.fit import build
 from verbs.errors import ArtifactCorrupt, ArtifactError, ArtifactVersionError, VerbError
@@ -13,6 +14,7 @@ from verbs.runtime.evaluate import Evaluator
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "arm.v1.verb"
 GOLDEN_2 = GOLDEN.with_name("jump.v2.verb")
+GOLDEN_CONTACTS = GOLDEN.with_name("contacts.v1.verb")
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +50,93 @@ def test_a_loaded_verb_gives_the_same_bits(file, tmp_path):
     np.testing.assert_array_equal(one.blend.error, other.blend.error)
     assert dict(loaded.quality) == dict(built.quality)
     assert loaded.adverbs == built.adverbs
+
+
+def test_the_golden_file_with_contacts_means_the_same():
+    """A jump and a figure that stands; never regenerated."""
+    verb = artifact.load(GOLDEN_CONTACTS)
+    expected = json.loads(GOLDEN_CONTACTS.with_suffix(".json").read_text())
+    known = verb.contacts
+    assert [verb.skeleton.names[foot] for foot in known.feet] == expected["feet"]
+    assert known.parts.tolist() == expected["parts"]
+    for p, intervals in enumerate(expected["jump"]):
+        np.testing.assert_array_equal(known.of(0, p), intervals)
+    assert known.values[round(0.5 * verb.intervals), :, 0].tolist() == expected["middle"] == [0.0, 1.0]
+
+
+@pytest.fixture(scope="module")
+def standing_file(tmp_path_factory):
+    """A verb with contacts."""
+    folder = tmp_path_factory.mktemp("standing")
+    motions = {"jump": walker.jump(), "stand": walker.stand(2.5)}
+    artifact.save(build(walker.source(folder / "figure", motions)).verb, folder / "figure.verb")
+    return folder / "figure.verb"
+
+
+def resigned(path, target, arrays=None, *, without=()):
+    """The file again with other arrays or without some, signed anew."""
+    facts = facts_of(path)
+    kept = {key: array for key, array in (load_file(path) | (arrays or {})).items() if key not in without}
+    facts.pop("sha256")
+    facts["sha256"] = artifact._digest(kept, facts)
+    save_file(kept, target, metadata={"adverb": json.dumps(facts)})
+    return target
+
+
+def test_contacts_are_kept_to_the_bit(standing_file, tmp_path):
+    loaded = artifact.load(standing_file)
+    known = load_file(standing_file)
+    for key in artifact._CONTACTS:
+        np.testing.assert_array_equal(getattr(loaded.contacts, key), known[f"contacts.{key}"])
+    assert not loaded.contacts.values.flags.owndata
+    artifact.save(loaded, tmp_path / "again.verb")
+    assert (tmp_path / "again.verb").read_bytes() == standing_file.read_bytes()
+
+
+def test_contacts_do_not_change_the_format_nor_files_without_them(standing_file, file):
+    assert facts_of(standing_file)["format"] == facts_of(file)["format"] == 1
+    assert not any(name.startswith("contacts.") for name in load_file(file))
+    assert artifact.load(GOLDEN).contacts is None
+    assert artifact.load(GOLDEN_2).contacts is None
+
+
+def test_the_same_file_without_contacts_is_a_verb_without_contacts(standing_file, tmp_path):
+    names = [f"contacts.{key}" for key in artifact._CONTACTS]
+    verb = artifact.load(resigned(standing_file, tmp_path / "bare.verb", without=names))
+    assert verb.contacts is None
+    rows = verb.values[:1]
+    one, other = (Evaluator(v).pose(rows, phase=0.3) for v in (verb, artifact.load(standing_file)))
+    np.testing.assert_array_equal(one.rotations, other.rotations)
+
+
+@pytest.mark.parametrize("key", artifact._CONTACTS)
+def test_a_file_with_some_arrays_of_contacts_is_refused(standing_file, tmp_path, key):
+    with pytest.raises(ArtifactCorrupt, match=f"contacts.{key}"):
+        artifact.load(resigned(standing_file, tmp_path / "part.verb", without=[f"contacts.{key}"]))
+
+
+@pytest.mark.parametrize(
+    ("key", "change"),
+    [
+        ("feet", lambda a: a + 1000),
+        ("joints", lambda a: a - 1000),
+        ("parts", lambda a: a + 3),
+        ("offsets", lambda a: a[:, :2]),
+        ("offsets", lambda a: a * np.nan),
+        ("heights", lambda a: a[:1]),
+        ("values", lambda a: a[1:]),
+        ("values", lambda a: a - 0.5),
+        ("values", lambda a: a.astype(np.float64)[:, :1]),
+        ("intervals", lambda a: a + 0.5),
+        ("intervals", lambda a: a[:, ::-1]),
+        ("owners", lambda a: a + 100),
+        ("owners", lambda a: a[::-1]),
+    ],
+)
+def test_contacts_out_of_bounds_are_refused(standing_file, tmp_path, key, change):
+    arrays = {f"contacts.{key}": np.ascontiguousarray(change(load_file(standing_file)[f"contacts.{key}"]))}
+    with pytest.raises(ArtifactCorrupt):
+        artifact.load(resigned(standing_file, tmp_path / "wrong.verb", arrays))
 
 
 def test_arrays_are_mapped_read_only(file):

@@ -304,11 +304,10 @@ _PLANTED_M = 1e-3
 _FEET = """
 ## Foot slide
 
-How far toes slide over the ground while they stand: the largest distance from the mean position of a stance, in mm,
-median / 90th percentile / largest of all stances. Blends are the whole motions of {count} random goals in the domain
-(seed {seed}), the same for every method; a toe stands in them where the examples' contacts, blended by the same weights
-over canonical time, are above one half. Feet are not planted here. Runs have fewer stances than steps, because
-their feet hardly slow down.
+How far heels, balls and toes slide over the ground while they stand: the largest distance from the mean position of a
+stance, in mm, median / 90th percentile / largest of all stances. Blends are the whole motions of {count} random goals
+in the domain (seed {seed}), the same for every method; a point stands in them where the examples' contacts, blended by
+the same weights over canonical time, are above one half. Feet are not planted here.
 """
 
 _PEAKS = """

@@ -100,6 +100,27 @@ class _Measure(BaseModel):
     ]
 
 
+_Share = Annotated[float, Field(description="Share of canonical time in contact, mean over examples, 0 to 1.")]
+
+
+class _ContactPoint(BaseModel):
+    part: Annotated[str, Field(description="heel, ball, toe, or foot.")]
+    joint: Annotated[str, Field(description="Joint that carries the point.")]
+    offset: Annotated[Vector, Field(description="Position in the joint's frame, metres.")]
+    share: _Share
+    intervals: Annotated[
+        list[list[list[float]]],
+        Field(description="For each example, its [begin, end] pairs of canonical time; beyond 1 in the next cycle."),
+    ]
+
+
+class _Foot(BaseModel):
+    foot: Annotated[str, Field(description="Foot joint.")]
+    share: _Share
+    intervals: Annotated[int, Field(description="Number of intervals of all points and examples.")]
+    points: list[_ContactPoint]
+
+
 class VerbSummary(BaseModel):
     """One verb of the list."""
 
@@ -141,6 +162,7 @@ class VerbAnswer(BaseModel):
     methods: list[str]
     default_method: str
     measure: _Measure
+    contacts: Annotated[list[_Foot], Field(description="Contacts of the feet with the ground; empty without feet.")]
     quality: Annotated[dict[str, Any], Field(description="Figures measured when the verb was built.")]
 
 

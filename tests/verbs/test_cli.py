@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tests.verbs import walker
 from tests.verbs.sources import arm_source
 from verbs import library
 from verbs.blend.methods import METHODS
@@ -51,6 +52,33 @@ def test_info_prints_the_description_of_the_service():
     assert described["skeleton"]["names"] == list(library.load("arm3").skeleton.names)
     assert described["keytime_names"] == ["start", "reach", "end"]
     assert "arm3" in call("info", "arm3").stdout
+
+
+def test_info_gives_contacts_of_the_feet(tmp_path):
+    folder = walker.source(tmp_path / "figure", {"jump": walker.jump(), "stand": walker.stand(2.5)})
+    file = tmp_path / "figure.verb"
+    built = json.loads(call("build", folder, "-o", file, "--json").stdout)
+    assert [row["example"] for row in built["feet"]] == ["jump", "stand"]
+    assert [row["stances"] for row in built["feet"]] == [12, 6]
+    assert all(0 <= row["slide_p90_m"] <= row["slide_max_m"] < 0.03 for row in built["feet"])
+    assert all(0 <= row["penetration_m"] < 0.01 for row in built["feet"])
+    left, right = json.loads(call("info", file, "--json").stdout)["contacts"]
+    assert (left["foot"], right["foot"], left["intervals"]) == ("LeftFoot", "RightFoot", 9)
+    assert 0.85 < left["share"] < 0.95
+    heel, ball, toe = left["points"]
+    assert (heel["part"], ball["part"], toe["part"]) == ("heel", "ball", "toe")
+    assert (heel["joint"], toe["joint"], toe["offset"]) == ("LeftFoot", "LeftToeBase", [0.0, 0.0, 0.07])
+    assert [len(intervals) for intervals in ball["intervals"]] == [2, 1]
+    assert ball["intervals"][1] == [[0.0, 1.0]]
+    text = call("info", file).stdout
+    assert f"LeftFoot: in contact {left['share']:.0%} of the motion" in text
+    assert "9 intervals in all examples" in text
+    assert "slide p90" in call("build", folder, "-o", file).stdout
+
+
+def test_info_of_a_verb_without_feet_has_no_contacts():
+    assert json.loads(call("info", "arm3", "--json").stdout)["contacts"] == []
+    assert "in contact" not in call("info", "arm3").stdout
 
 
 def test_pose_prints_one_pose():

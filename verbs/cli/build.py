@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -29,6 +29,7 @@ def build_command(
     """
     from verbs.authoring.fit import build
     from verbs.io import artifact
+    from verbs.quality.foot_contact import slide_rows
 
     with progress() as report:
         built = build(folder, progress=report)
@@ -39,9 +40,11 @@ def build_command(
     if as_json:
         verb = built.verb
         print_json({"file": str(path), "name": verb.name, "examples": len(verb.examples), **verb.quality,
-                     "warnings": list(built.warnings)})  # fmt: skip
+                     "feet": slide_rows(verb), "warnings": list(built.warnings)})  # fmt: skip
         return
     out.print(_build_table(built, path))
+    if rows := slide_rows(built.verb):
+        out.print(_feet_table(rows))
 
 
 def _build_table(built: Built, path: Path) -> Table:
@@ -68,6 +71,19 @@ def _build_table(built: Built, path: Path) -> Table:
                 f"error {quantity(found['error_mean_m'], unit)} mean, {quantity(found['error_max_m'], unit)} max, "
                 f"Σ|w| ≤ {found['weight_sum_max']:.2f} over {quality['samples']} random points",
             )
+    return table
+
+
+def _feet_table(rows: list[dict[str, Any]]) -> Table:
+    """Slide and penetration of the feet in each example."""
+    table = Table(title="feet of the examples, mm", title_justify="left")
+    table.add_column("example", overflow="fold")
+    for column in ("stances", "slide p90", "slide max", "penetration"):
+        table.add_column(column, justify="right")
+    for row in rows:
+        figures = (row["slide_p90_m"], row["slide_max_m"], row["penetration_m"])
+        shown = ("–" if figure is None else f"{1000 * figure:.1f}" for figure in figures)
+        table.add_row(plain(row["example"]), str(row["stances"]), *shown)
     return table
 
 
@@ -99,3 +115,9 @@ def info_command(verb: VerbArgument, as_json: Json = False) -> None:
         f"keytimes {', '.join(loaded.keytime_names)}{', looping' if loaded.looping else ''}; "
         f"default method {default_method(loaded)}"
     )
+    for foot in describe.describe(loaded)["contacts"]:
+        parts = ", ".join(f"{point['part']} {point['share']:.0%}" for point in foot["points"])
+        out.print(
+            f"{plain(foot['foot'])}: in contact {foot['share']:.0%} of the motion ({parts}), "
+            f"{foot['intervals']} intervals in all examples"
+        )

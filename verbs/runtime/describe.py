@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from verbs.blend import methods
+from verbs.contacts import PARTS, Contacts
 from verbs.conventions import F64, I64
 from verbs.domain import describe as domain_text
 from verbs.errors import OutOfRange, UnknownName
@@ -54,6 +55,7 @@ def describe(verb: Verb, *, version: int = 1) -> dict[str, Any]:
         "methods": list(methods.usable(verb)),
         "default_method": methods.default_method(verb),
         "measure": _measure(verb, verb.measure),
+        "contacts": _contacts(verb.skeleton, verb.contacts),
         "quality": dict(verb.quality),
     }
 
@@ -247,6 +249,40 @@ def _skeleton(skeleton: Skeleton) -> dict[str, Any]:
         "offsets": skeleton.offsets.tolist(),
         "tips": [{"parent": parent, "offset": offset} for parent, offset in tips],
     }
+
+
+def _contacts(skeleton: Skeleton, contacts: Contacts | None) -> list[dict[str, Any]]:
+    """Feet with their contact points: share of canonical time in contact, mean over examples, and intervals."""
+    if contacts is None:
+        return []
+    feet = []
+    for foot in dict.fromkeys(contacts.feet.tolist()):
+        points = np.flatnonzero(contacts.feet == foot)
+        any_point = contacts.values[:-1, :, points].max(axis=2)
+        feet.append(
+            {
+                "foot": skeleton.names[foot],
+                "share": _share(any_point),
+                "intervals": int(np.isin(contacts.owners[:, 1], points).sum()),
+                "points": [_contact_point(skeleton, contacts, int(p)) for p in points],
+            }
+        )
+    return feet
+
+
+def _contact_point(skeleton: Skeleton, contacts: Contacts, p: int) -> dict[str, Any]:
+    return {
+        "part": PARTS[contacts.parts[p]],
+        "joint": skeleton.names[contacts.joints[p]],
+        "offset": contacts.offsets[p].tolist(),
+        "share": _share(contacts.values[:-1, :, p]),
+        "intervals": [contacts.of(i, p).tolist() for i in range(contacts.values.shape[1])],
+    }
+
+
+def _share(values: npt.NDArray[np.float32]) -> float:
+    """Mean of contact values, to four digits."""
+    return round(float(values.mean(dtype=np.float64)), 4)
 
 
 def _durations(verb: Verb) -> dict[str, float]:

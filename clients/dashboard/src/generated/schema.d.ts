@@ -1584,6 +1584,11 @@ export interface components {
         VerbAnswer: {
             /** Adverbs */
             adverbs: components["schemas"]["_Adverb"][];
+            /**
+             * Contacts
+             * @description Contacts of the feet with the ground; empty without feet.
+             */
+            contacts: components["schemas"]["_Foot"][];
             /** Default Method */
             default_method: string;
             /** Description */
@@ -1771,6 +1776,34 @@ export interface components {
             /** Unit */
             unit: string;
         };
+        /** _ContactPoint */
+        _ContactPoint: {
+            /**
+             * Intervals
+             * @description For each example, its [begin, end] pairs of canonical time; beyond 1 in the next cycle.
+             */
+            intervals: number[][][];
+            /**
+             * Joint
+             * @description Joint that carries the point.
+             */
+            joint: string;
+            /**
+             * Offset
+             * @description Position in the joint's frame, metres.
+             */
+            offset: number[];
+            /**
+             * Part
+             * @description heel, ball, toe, or foot.
+             */
+            part: string;
+            /**
+             * Share
+             * @description Share of canonical time in contact, mean over examples, 0 to 1.
+             */
+            share: number;
+        };
         /** _Domain */
         _Domain: {
             /** Chart */
@@ -1817,6 +1850,26 @@ export interface components {
              * @description Effector position at the keytime, or (x, rise, z) of a jump, metres; null for other measures.
              */
             point: number[] | null;
+        };
+        /** _Foot */
+        _Foot: {
+            /**
+             * Foot
+             * @description Foot joint.
+             */
+            foot: string;
+            /**
+             * Intervals
+             * @description Number of intervals of all points and examples.
+             */
+            intervals: number;
+            /** Points */
+            points: components["schemas"]["_ContactPoint"][];
+            /**
+             * Share
+             * @description Share of canonical time in contact, mean over examples, 0 to 1.
+             */
+            share: number;
         };
         /** _Measure */
         _Measure: {

@@ -7,7 +7,7 @@ from typing import Any
 
 from verbs.errors import VerbError
 
-__all__ = ["COLOURS", "MARKERS", "SHOWN", "canvas", "legend_below", "require", "save", "shrink"]
+__all__ = ["COLOURS", "MARKERS", "SHOWN", "canvas", "legend_below", "plain", "require", "save", "shrink"]
 
 SHOWN = ("barycentric", "knn", "inverse", "rbf", "corrected")
 """Methods on maps and charts: the four of seed 2, and ``corrected``. ``perdof`` has the weights of ``rbf``."""
@@ -29,7 +29,7 @@ MARKERS = {"barycentric": "s", "knn": "^", "inverse": "D", "rbf": "o", "correcte
 def require() -> None:
     """Raise :class:`VerbError` where matplotlib is missing."""
     try:
-        import matplotlib as _  # noqa: F401 - only whether it is there
+        import matplotlib.figure as _  # noqa: F401 - only whether it is there
     except ImportError as err:
         raise VerbError("drawing needs matplotlib: pip install 'adverb[figures]'") from err
 
@@ -44,6 +44,17 @@ def canvas(width: float, height: float, *, title: str = "") -> Any:
     FigureCanvasAgg(figure)
     if title:
         figure.suptitle(title, fontsize=12)
+    return figure
+
+
+def plain(width: float, height: float, *, paper: str) -> Any:
+    """Empty figure of a size in inches without any layout, for drawings that place everything themselves."""
+    require()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), facecolor=paper)
+    FigureCanvasAgg(figure)
     return figure
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from verbs.conventions import F64
 from verbs.domain import plane
-from verbs.figures import canvas
-from verbs.figures.draw import VIEWS, draw_poses, points
+from verbs.figures.draw import draw_poses, points
 from verbs.figures.study import Progress
 from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
@@ -27,9 +26,6 @@ _BENT = {
 }
 """Names and units of the axes of bent charts."""
 
-_LEAST_M = 1.35
-"""Least distance of neighbours, so that the text under them has room."""
-
 
 def draw(folder: Path, verbs: list[Verb], progress: Progress) -> list[Path]:
     """Draw one picture per verb; captured verbs are marked in the file name."""
@@ -38,7 +34,7 @@ def draw(folder: Path, verbs: list[Verb], progress: Progress) -> list[Path]:
         progress("poses", k, len(verbs))
         path = folder / f"seed1_fig15_18_{verb.name}{'_captured' if k else ''}.png"
         _draw_verb(path, verb)
-        paths.append(canvas.shrink(path))
+        paths.append(path)
     progress("poses", len(verbs), len(verbs))
     return paths
 
@@ -60,7 +56,6 @@ def _draw_verb(path: Path, verb: Verb) -> None:
         path,
         view="three_quarter",
         columns=_ACROSS,
-        spacing_m=_spacing(bodies),
         labels=[text for axis, line in enumerate(lines) for text in _words(verb, axis, line)],
         marks=() if goals is None else list(goals),
         pixels_per_m=100.0,
@@ -87,10 +82,3 @@ def _words(verb: Verb, axis: int, rows: F64) -> list[str]:
     return [
         f"{name} {coordinate + 0.0:.{digits}f}{unit}".replace("-", "−") for coordinate in np.round(coordinates, digits)
     ]
-
-
-def _spacing(bodies: F64) -> float:
-    """Distance of neighbours, m: as wide as the widest pose is from the camera, or as the text needs."""
-    azimuth = np.radians(VIEWS["three_quarter"][0])
-    across = bodies @ np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    return max(_LEAST_M, float(np.ptp(across)) + 0.2)

@@ -125,6 +125,7 @@ def test_export_writes_a_motion_that_reaches_the_goal(tmp_path):
     ("arguments", "error", "message"),
     [
         (["info", "unknown"], UnknownName, "unknown verb 'unknown'; known: arm3, board, reach"),
+        (["gallery", "unknown"], UnknownName, "unknown verb 'unknown'; known: arm3, board, reach"),
         (["pose", "arm3", "--at", "x=one"], OutOfRange, "write name=value"),
         (["pose", "arm3", "--at", "x=0.1,y=0.1", "--method", "magic"], UnknownName, "unknown method 'magic'"),
         (["export", "arm3", *AT, "-o", "m", "--format", "fbx"], RequestError, "'fbx' is not supported; known: bvh"),
@@ -166,7 +167,7 @@ def test_help_names_every_method():
 
 
 def test_every_command_shows_an_example():
-    for command in ("build", "info", "pose", "measure", "refine", "export", "figures"):
+    for command in ("build", "info", "pose", "measure", "refine", "export", "figures", "gallery"):
         assert "Example" in call(command, "--help").stdout
 
 

@@ -10,6 +10,7 @@ import typer
 
 from verbs.cli.build import build_command, info_command
 from verbs.cli.figures import figures_command
+from verbs.cli.gallery import gallery_command
 from verbs.cli.measure import measure_command
 from verbs.cli.output import err, plain
 from verbs.cli.pose import export_command, pose_command
@@ -33,6 +34,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "refine": refine_command,
     "export": export_command,
     "figures": figures_command,
+    "gallery": gallery_command,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)

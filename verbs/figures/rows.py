@@ -9,8 +9,8 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.domain import plane
 from verbs.figures.draw import draw_poses, points
+from verbs.figures.strips import chart_labels
 from verbs.figures.study import Progress
-from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb
@@ -18,13 +18,6 @@ from verbs.verb import Verb
 __all__ = ["draw"]
 
 _ACROSS = 6
-_BENT = {
-    (charts.CYLINDER, 0): ("angle", "°"),
-    (charts.CYLINDER, 2): ("distance", " m"),
-    (charts.PLANAR, 0): ("left", " m"),
-    (charts.PLANAR, 1): ("forward", " m"),
-}
-"""Names and units of the axes of bent charts."""
 
 
 def draw(folder: Path, verbs: list[Verb], progress: Progress) -> list[Path]:
@@ -56,7 +49,7 @@ def _draw_verb(path: Path, verb: Verb) -> None:
         path,
         view="three_quarter",
         columns=_ACROSS,
-        labels=[text for axis, line in enumerate(lines) for text in _words(verb, axis, line)],
+        labels=[text for axis, line in enumerate(lines) for text in chart_labels(verb, axis, line)],
         marks=() if goals is None else list(goals),
         pixels_per_m=100.0,
     )
@@ -68,17 +61,3 @@ def _line(verb: Verb, axis: int) -> F64:
     inside = np.flatnonzero(fine.inside[:, 0])
     chosen = np.round(np.linspace(inside[0], inside[-1], _ACROSS)).astype(int)
     return np.ascontiguousarray(fine.adverbs[chosen, 0])
-
-
-def _words(verb: Verb, axis: int, rows: F64) -> list[str]:
-    """Labels of a row: coordinates on its chart axis."""
-    chart, adverb = verb.domain.chart, verb.adverbs[axis]
-    coordinates = (verb.domain.chart.points(rows) / chart.scale + chart.shift)[:, axis]
-    bent = (chart.kind, int(np.flatnonzero(chart.axes == axis)[0])) if axis in chart.axes else (charts.IDENTITY, 0)
-    name, unit = _BENT.get(bent, (adverb.name.split("_")[0], " " + adverb.unit))
-    if unit == "°":
-        coordinates = np.degrees((coordinates / chart.bend[3] + chart.bend[2] + np.pi) % (2 * np.pi) - np.pi)
-    digits = 0 if unit == "°" else 2
-    return [
-        f"{name} {coordinate + 0.0:.{digits}f}{unit}".replace("-", "−") for coordinate in np.round(coordinates, digits)
-    ]

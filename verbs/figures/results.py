@@ -326,8 +326,12 @@ def _pictures(studies: list[Study], flows: list[Flow], *, captured: bool) -> str
     names += _PICTURES[5:]
     if flows:
         names.append(("seed2_fig6_flow", "Seed 2, figure 6: motion vector flow of a walk that becomes a jog"))
-    return "## Figures\n\n" + "\n".join(f"![{words}](figures/{name}.png)\n" for name, words in names)
+    return f"## Figures\n\n{_GALLERY}\n\n" + "\n".join(f"![{words}](figures/{name}.png)\n" for name, words in names)
 
+
+_GALLERY = (
+    "`adverb gallery` draws any verb over its adverbs, as seed 1 does in figures 15–18, with the examples framed."
+)
 
 _PICTURES = (
     ("seed1_fig4_5_cardinal", "Seed 1, figures 4 and 5: cardinal basis of three examples on a line"),

@@ -45,8 +45,8 @@ class Batch:
     given_time: bool
 
 
-async def pose(state: ServerState, entry: Entry, request: PoseRequest) -> Evaluated:
-    """Evaluate one pose, on the event loop unless many cycles have to be integrated."""
+async def pose(state: ServerState, entry: Entry, request: PoseRequest, *, support: bool) -> Evaluated:
+    """Evaluate one pose, with its support if requested; on the event loop unless many cycles have to be integrated."""
     entry.check(method=request.method)
     evaluator, joints = entry.evaluator, entry.joints(request.joints)
 
@@ -54,14 +54,16 @@ async def pose(state: ServerState, entry: Entry, request: PoseRequest) -> Evalua
         instant = {"phase": request.phase, "time_s": request.time}
         if request.max_error is None:
             found = evaluator.pose(request.adverbs, method=request.method, **instant)
-            return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints))
+            shares = evaluator.support(found.blend) if support else None
+            return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), shares)
         met = error_bound.escalate(
             evaluator, evaluator.adverbs(request.adverbs), request.max_error, method=request.method
         )
         found = evaluator.pose_of(met.blend, **instant)
         if met.rotation_vectors is not None:
             found = error_bound.apply_polish(evaluator, found, met.rotation_vectors)
-        return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), met.tried)
+        shares = evaluator.support(found.blend) if support else None
+        return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), shares, met.tried)
 
     cost = 0.0
     if entry.verb.looping:
@@ -103,7 +105,7 @@ def binary_batch(state: ServerState, entry: Entry, content: bytes, query: Mappin
     return Batch(options, np.ascontiguousarray(rows[:, :-1]), np.ascontiguousarray(rows[:, -1]), False)
 
 
-async def poses(state: ServerState, entry: Entry, batch: Batch) -> Evaluated:
+async def poses(state: ServerState, entry: Entry, batch: Batch, *, support: bool) -> Evaluated:
     """Evaluate a batch in one call of the library; a long one runs in a thread."""
     options, evaluator = batch.options, entry.evaluator
     entry.check(method=options.method)
@@ -113,7 +115,8 @@ async def poses(state: ServerState, entry: Entry, batch: Batch) -> Evaluated:
     def work() -> Evaluated:
         instant: dict[str, Any] = {"time_s" if batch.given_time else "phase": batch.at}
         found = evaluator.pose(batch.adverbs, method=options.method, **instant)
-        return Evaluated(found, *describe.in_space(evaluator, found, options.space, joints))
+        shares = evaluator.support(found.blend) if support else None
+        return Evaluated(found, *describe.in_space(evaluator, found, options.space, joints), shares)
 
     cycles = _cycles(entry, batch)
     found = await state.pool.run(entry.cost_us(len(batch.at), cycles) + 4.0 * len(batch.at) * named, work)
@@ -121,7 +124,7 @@ async def poses(state: ServerState, entry: Entry, batch: Batch) -> Evaluated:
     return found
 
 
-async def sequence(state: ServerState, entry: Entry, request: SequenceRequest) -> Motion:
+async def sequence(state: ServerState, entry: Entry, request: SequenceRequest, *, support: bool) -> Motion:
     """Evaluate a whole motion; a long one runs in a thread."""
     entry.check(method=request.method)
     evaluator, joints = entry.evaluator, entry.joints(request.joints)
@@ -129,7 +132,8 @@ async def sequence(state: ServerState, entry: Entry, request: SequenceRequest) -
 
     def work() -> Motion:
         found = _frames(entry, request, limit)
-        shown = Evaluated(found, *describe.in_space(evaluator, found, request.space, joints))
+        shares = evaluator.support(found.blend) if support else None
+        shown = Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), shares)
         whole = float(found.duration_s[0]) * request.cycles if request.adverbs is not None else float(found.time_s[-1])
         events = sequences.events(evaluator, found)
         return Motion(shown, request.fps, whole, events, tracked=request.track is not None)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import orjson
 
 from service.catalog.catalog import Entry
+from verbs.conventions import F64
 from verbs.runtime import describe, sequence
 from verbs.runtime.evaluate import Poses
 
@@ -32,6 +33,8 @@ class Evaluated:
     rotations : (B, J, 4) float32
     positions : (B, J, 3) float32 or None
         Joint positions in global space, metres.
+    support : (B,) or (1,) float64 or None
+        Support of the blend by the examples; None where the answer is binary.
     tried : tuple of str
         With an error bound: the methods that were tried, in order.
     """
@@ -39,6 +42,7 @@ class Evaluated:
     poses: Poses
     rotations: F32
     positions: F32 | None
+    support: F64 | None
     tried: tuple[str, ...] = ()
 
 
@@ -69,7 +73,14 @@ def _dump(value: Any) -> bytes:
 
 def _fields(entry: Entry, found: Evaluated, index: int, *, weights: bool) -> dict[str, Any]:
     return describe.pose_fields(
-        entry.evaluator, found.poses, index, found.rotations, found.positions, version=entry.version, weights=weights
+        entry.evaluator,
+        found.poses,
+        index,
+        found.rotations,
+        found.positions,
+        support=found.support,
+        version=entry.version,
+        weights=weights,
     )
 
 
@@ -139,6 +150,10 @@ def _sequence_head(entry: Entry, motion: Motion, *, weights: bool) -> dict[str, 
     }
     if not constant:
         head["errors"] = errors
+    if (support := motion.frames.support) is not None:
+        head["support"] = float(support.min())
+        if not constant:
+            head["supports"] = support
     if weights:
         head["weights"] = blend.weights
     return head

@@ -168,9 +168,14 @@ class VerbAnswer(BaseModel):
 
 _Table = list[list[float | None]]
 
+_SUPPORT = (
+    "How well the examples support the answer: 1 at an example, 0.5 where it is as uncertain as an example predicted "
+    "from the others."
+)
+
 
 class QualityAnswer(BaseModel):
-    """Error and smoothness of a method over a plane of adverbs."""
+    """Error, smoothness and support of a method over a plane of adverbs."""
 
     verb: str
     version: int
@@ -189,6 +194,9 @@ class QualityAnswer(BaseModel):
     ]
     smoothness_mean: float | None
     smoothness_max: float | None
+    support: Annotated[_Table, Field(description="Support by the examples, 0 to 1; null outside the domain.")]
+    support_mean: float | None
+    support_min: float | None
 
 
 class PoseAnswer(BaseModel):
@@ -210,6 +218,7 @@ class PoseAnswer(BaseModel):
     error: Annotated[
         float | None, Field(description="Distance between goal and measured position; null if nothing is measured.")
     ]
+    support: Annotated[float, Field(ge=0, le=1, description=_SUPPORT)]
     met: Annotated[bool | None, Field(description="Whether `error` is at most `max_error`, if given.")] = None
     tried: Annotated[list[str] | None, Field(description="Methods tried to meet `max_error`, in order, if given.")] = (
         None
@@ -250,6 +259,8 @@ class SequenceAnswer(BaseModel):
     ]
     error: Annotated[float | None, Field(description="With a track, the largest error.")]
     errors: Annotated[list[float | None] | None, Field(description="With a track: the error of each frame.")] = None
+    support: Annotated[float, Field(ge=0, le=1, description=f"{_SUPPORT} With a track, the least.")]
+    supports: Annotated[list[float] | None, Field(description="With a track: the support of each frame.")] = None
     weights: Annotated[
         list[list[float]] | None, Field(description="If requested: one row, or with a track one for each frame.")
     ] = None

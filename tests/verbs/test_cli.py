@@ -19,7 +19,7 @@ from verbs.io import bvh
 
 FIELDS = {
     "error_mean_m", "error_max_m", "error_mean_pct", "error_max_pct", "smoothness", "smoothness_max", "precompute_s",
-    "query_us", "samples", "domain", "grid",
+    "query_us", "samples", "domain", "grid", "support_mean", "support_min",
 }  # fmt: skip
 
 AT = ("--at", "x=0.5,y=0.2")
@@ -85,6 +85,7 @@ def test_pose_prints_one_pose():
     record = json.loads(call("pose", "arm3", "--at", "x=0.5,y=0.2", "--phase", "0.5", "--json").stdout)
     assert record["measured"]["x"] == pytest.approx(0.5, abs=1e-9)
     assert record["error"] < 1e-9
+    assert 0.0 < record["support"] < 1.0
     assert len(record["rotations"]) == 4
     assert "measured x 0.5000 m, y 0.2000 m; error" in call("pose", "arm3", "--at", "x=0.5,y=0.2").stdout
 

@@ -26,7 +26,9 @@ def measure_command(
     feet: Annotated[bool, typer.Option("--feet", help="Also evaluate foot slide.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Print the quality of one method, or of all: parametric error, smoothness, time.
+    """Print the quality of one method, or of all: parametric error, smoothness, support by the examples, time.
+
+    Support is 1 at an example, and 0.5 where an answer is as uncertain as an example predicted from the others.
 
     Example: [bold]adverb measure reach --method rbf --json[/]
     """
@@ -68,6 +70,8 @@ def _measure_table(verb: Verb, rows: list[Quality]) -> Table:
         "κ max",
         "zoom",
         "Σ|w| max",
+        "support mean",
+        "min",
         "µs",
     )
     table = Table(*heads, title=f"{verb.name}, {rows[0].domain}", caption=rows[0].grid, title_justify="left")
@@ -82,6 +86,8 @@ def _measure_table(verb: Verb, rows: list[Quality]) -> Table:
             f"{row.smoothness_max:.3g}",
             f"{row.zoom_ratio:.2f}",
             f"{row.weight_sum_max:.2f}",
+            f"{row.support_mean:.2f}",
+            f"{row.support_min:.2f}",
             f"{row.query_us:.2f}",
         )
     return table

@@ -27,7 +27,9 @@ def pose_command(
     method: MethodOption = None,
     as_json: Json = False,
 ) -> None:
-    """Print the pose of a verb at some adverbs.
+    """Print the pose of a verb at some adverbs, its error, and how well the examples support it.
+
+    Support is 1 at an example, and 0.5 where an answer is as uncertain as an example predicted from the others.
 
     Example: [bold]adverb pose reach --at x=-0.3,y=1.2,z=0.4 --phase 0.5[/]
     """
@@ -51,7 +53,8 @@ def pose_command(
     out.print(
         f"phase {record['phase']:.4f}, {record['time']:.3f} of {record['duration']:.3f} s, method {record['method']}"
     )
-    out.print(f"measured {measured or 'nothing'}; error {error}{'; clamped' if record['clamped'] else ''}")
+    clamped = "; clamped" if record["clamped"] else ""
+    out.print(f"measured {measured or 'nothing'}; error {error}; support {record['support']:.2f}{clamped}")
 
 
 def _check_format(output: Path, form: str | None) -> None:

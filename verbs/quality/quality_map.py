@@ -1,4 +1,4 @@
-"""Maps of quality over a plane of adverbs: the error of a method, and the curvature κ of its weights.
+"""Maps of quality over a plane of adverbs: error, curvature κ of the weights, and support by the examples.
 
 Source: Feng, Huang, Kallmann, Shapiro 2012, figures 3 and 4.
 """
@@ -24,7 +24,7 @@ MOST_NODES = 101
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Map:
-    """Error and smoothness of a method over a plane.
+    """Error, smoothness and support of a method over a plane.
 
     Parameters
     ----------
@@ -41,6 +41,8 @@ class Map:
         In the measure's unit; NaN where nothing is measured.
     smoothness : (m, n) float64
         κ, which scales with the square of the spacing; NaN at nodes whose neighbours do not all lie inside.
+    support : (m, n) float64
+        How well the examples support the blend, 0 to 1.
     """
 
     method: str
@@ -52,6 +54,7 @@ class Map:
     inside: npt.NDArray[np.bool_]
     error: F64
     smoothness: F64
+    support: F64
 
 
 def over(
@@ -102,8 +105,10 @@ def over(
     bend = curvature(weights[0][:, None], fits[0][:, None]).T if line else curvature(weights, fits)
     names = [adverb.name for adverb in verb.adverbs]
     others = {name: float(values[k]) for k, name in enumerate(names) if k not in (first, second)}
-    error = np.where(fits, blend.error.reshape(fits.shape), np.nan)
-    return Map(blend.method, names[first], names[second], others, rows, columns, fits, error, bend)
+    error, support = (
+        np.where(fits, values.reshape(fits.shape), np.nan) for values in (blend.error, evaluator.support(blend))
+    )
+    return Map(blend.method, names[first], names[second], others, rows, columns, fits, error, bend, support)
 
 
 def _axes(evaluator: Evaluator, across: str | None, up: str | None, held: Mapping[str, float]) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Quality of one method on one verb: error, smoothness, time."""
+"""Quality of one method on one verb: error, smoothness, support, time."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Quality:
     space of goals; ``error_outside`` is taken between the hull and the hull grown by a tenth. κ is dimensionless and
     belongs to its grid; ``zoom_ratio`` is the least ratio of its last two halvings around its maximum: 4 where weights
     are twice differentiable, 2 at kinks, 1 at jumps. ``precompute_s`` counts from the examples; ``query_us`` is the
-    least of several runs. Slides of feet are those of :mod:`verbs.quality.foot_contact`; NaN if not
-    requested, or without toes.
+    least of several runs. ``support`` is that of :class:`verbs.runtime.support.Support`, where the error is measured.
+    Slides of feet are those of :mod:`verbs.quality.foot_contact`; NaN if not requested, or without toes.
     """
 
     method: str
@@ -52,6 +52,8 @@ class Quality:
     samples: int
     domain: str
     grid: str
+    support_mean: float = float("nan")
+    support_min: float = float("nan")
     slide_median_m: float = float("nan")
     slide_p90_m: float = float("nan")
     slide_max_m: float = float("nan")
@@ -90,6 +92,7 @@ def quality_of(
     where, evaluator = points or accuracy_points(verb), Evaluator(verb)
     blend = evaluator.blend(where.adverbs, method=method)
     mean, top, grid = smoothness(evaluator, method, nodes=nodes)
+    support = evaluator.support(blend)
     size, slides = diagonal(verb), _slides(evaluator, method) if slide else foot_contact.NONE
     error_mean, error_max = _mean_and_max(evaluator, blend.error)
     around = random_points(verb, np.random.default_rng(OUTSIDE_SEED), len(where.adverbs), gauge=(1.0, 1.1))
@@ -111,6 +114,8 @@ def quality_of(
         samples=len(where.adverbs),
         domain=where.text,
         grid=grid,
+        support_mean=float(support.mean()),
+        support_min=float(support.min()),
         slide_median_m=slides.median_m,
         slide_p90_m=slides.p90_m,
         slide_max_m=slides.max_m,

@@ -110,7 +110,10 @@ def pose_record(
     """
     chosen = joint_indices(evaluator.verb.skeleton, joints)
     rotations, positions = in_space(evaluator, poses, space, chosen)
-    record = pose_fields(evaluator, poses, index, rotations, positions, version=version, weights=weights)
+    support = evaluator.support(poses.blend)
+    record = pose_fields(
+        evaluator, poses, index, rotations, positions, support=support, version=version, weights=weights
+    )
     return {key: _plain(value) if isinstance(value, np.ndarray) else value for key, value in record.items()}
 
 
@@ -133,12 +136,14 @@ def pose_fields(
     rotations: npt.NDArray[np.float32],
     positions: npt.NDArray[np.float32] | None,
     *,
+    support: F64 | None,
     version: int,
     weights: bool,
 ) -> dict[str, Any]:
     """One pose of a batch; arrays stay float32 arrays, for encoders that take them as they are.
 
-    ``rotations`` (B, J, 4) and ``positions`` (B, J, 3) are those of :func:`in_space`.
+    ``rotations`` (B, J, 4) and ``positions`` (B, J, 3) are those of :func:`in_space`, ``support`` (B,) or (1,) that of
+    the blend; None leaves it out.
     """
     verb, blend = evaluator.verb, poses.blend
     row = index if len(blend.weights) > 1 else 0  # one blend may serve many instants
@@ -156,6 +161,8 @@ def pose_fields(
         "error": number(float(blend.error[row])),
         "clamped": bool(blend.clamped[row]),
     }
+    if support is not None:
+        record["support"] = float(support[row])
     if positions is not None:
         record["positions"] = positions[index]
     if poses.root_velocity is not None:

@@ -28,6 +28,7 @@ from verbs.kernels.crowd_pose import blend_sorted, curves_of
 from verbs.kernels.position_batch import corrected_position_batch
 from verbs.kernels.single_pose import single_pose
 from verbs.runtime.follow import follow_window
+from verbs.runtime.support import Support
 from verbs.verb import Verb
 
 __all__ = ["Blend", "Evaluator", "Poses"]
@@ -55,6 +56,8 @@ class Blend:
         Distance between goal and measured point, in the measure's unit; NaN where nothing is measured.
     clamped : (B,) bool
         True where the adverbs were so far outside the domain that they were moved back.
+    adverbs : (B, D) float64 or None
+        The goals, as requested; None where a crowd has them in chart coordinates only.
     """
 
     method: str
@@ -62,6 +65,7 @@ class Blend:
     measured: F64
     error: F64
     clamped: npt.NDArray[np.bool_]
+    adverbs: F64 | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,6 +127,7 @@ class Evaluator:
         self._shape = (len(verb.examples), len(verb.measure.axes))
         self._problem: PositionProblem | None = None
         self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
+        self._support: Support | None = None
         self.follow_window = lru_cache(maxsize=1)(self._follow_window)
 
     def method(self, name: str | None = None) -> tuple[str, methods.Method]:
@@ -227,14 +232,28 @@ class Evaluator:
             _corrected_position(rows, self._problem, out)
         else:
             _corrected_position_batch(rows, charted, self._problem, out)
-        return Blend("corrected", out.weights, out.measured, out.error, out.moved > 0)
+        return Blend("corrected", out.weights, out.measured, out.error, out.moved > 0, None if charted else rows)
 
     def measure(self, method: str, weights: F64, adverbs: F64, clamped: npt.NDArray[np.bool_]) -> Blend:
         """Measure weights (B, N), and compare them with the goals of adverbs (B, D)."""
         if not self.goal.measurable:
-            return Blend(method, weights, np.zeros((len(weights), 0)), np.full(len(weights), np.nan), clamped)
+            return Blend(method, weights, np.zeros((len(weights), 0)), np.full(len(weights), np.nan), clamped, adverbs)
         measured, error = self.goal.compare(adverbs, self.goal.measured(weights))
-        return Blend(method, weights, measured, error, clamped)
+        return Blend(method, weights, measured, error, clamped, adverbs)
+
+    def support(self, blend: Blend) -> F64:
+        """How well the examples support a blend: (B,), 0 to 1; see :class:`verbs.runtime.support.Support`.
+
+        Raises
+        ------
+        RequestError
+            The blend has no adverbs.
+        """
+        if blend.adverbs is None:
+            raise RequestError("this blend was made without adverbs, and support is taken at them")
+        if self._support is None:
+            self._support = Support.of_verb(self.verb)
+        return self._support.of(blend.adverbs, blend.weights)
 
     def clamp(self, adverbs: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
         """Adverbs (B, D) moved back to the domain's surroundings, and where that moved them (B,)."""
@@ -337,3 +356,4 @@ class Evaluator:
         poses = self.pose(self.verb.values[:1], phase=0.0)
         self.pose_of(poses.blend, time_s=0.0)
         self.positions(poses)
+        self.support(poses.blend)

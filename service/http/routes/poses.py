@@ -35,17 +35,17 @@ direct = APIRouter(prefix=router.prefix, tags=["poses"], route_class=Direct)
     summary="One pose",
 )
 async def pose(request: Request, verb: VerbName) -> Response:
-    """Evaluate one pose at adverbs and a phase or time, with its error.
+    """Evaluate one pose at adverbs and a phase or time, with its error and its support by the examples.
 
     With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
-    `weights`, `measured` and `met` have no place there.
+    `weights`, `measured`, `support` and `met` have no place there.
     """
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
     content = await read_model(request, PoseRequest)
     if content.version is not None:
         entry = await state.version(entry, content.version)
-    found = await evaluation.pose(state, entry, content)
+    found = await evaluation.pose(state, entry, content, support=form == JSON)
     state.record_usage(entry, content.adverbs, found.poses.blend)
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
@@ -84,7 +84,7 @@ async def poses(
     else:
         batch = evaluation.json_batch(state, await read_model(request, BatchRequest), query)
         entry = await state.version(entry, batch.options.version)
-    found = await evaluation.poses(state, entry, batch)
+    found = await evaluation.poses(state, entry, batch, support=form == JSON)
     state.record_usage(entry, batch.adverbs, found.poses.blend, rows=len(batch.at))
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
@@ -113,7 +113,7 @@ async def sequence(request: Request, verb: VerbName) -> Response:
     entry = await state.version(entry, content.version)
     if form == BVH and (content.joints is not None or content.space != "local"):
         raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
-    motion = await evaluation.sequence(state, entry, content)
+    motion = await evaluation.sequence(state, entry, content, support=form == JSON)
     track = [point.adverbs for point in content.track or ()]
     state.record_usage(entry, content.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
     trace_of(request).method = motion.frames.poses.blend.method

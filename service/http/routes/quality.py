@@ -1,4 +1,4 @@
-"""Quality route: maps of error and smoothness."""
+"""Quality route: maps of error, smoothness and support."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _AT = Query(max_length=2_000, description="Adverbs that are held, `name=value,�
     operation_id="quality",
     response_model=QualityAnswer,
     responses=problems(*READING, "unknown_version", "invalid_request", "overloaded"),
-    summary="Maps of error and smoothness",
+    summary="Maps of error, smoothness and support",
 )
 async def quality(
     request: Request,
@@ -47,7 +47,7 @@ async def quality(
     nodes: Annotated[int, Query(ge=3, le=quality_map.MOST_NODES, description="Nodes to a side.")] = 41,
     version: Annotated[int | None, Query(ge=1, description="A version; the current one by default.")] = None,
 ) -> Response:
-    """Map the error of a method and the curvature κ of its weights over a plane of adverbs.
+    """Map a method over a plane of adverbs: its error, the curvature κ of its weights, and support by the examples.
 
     Nodes outside the domain are null. κ scales with the square of the spacing: compare maps of one grid only.
     """
@@ -71,6 +71,8 @@ async def quality(
     }
     for name, values in (("error", found.error), ("smoothness", found.smoothness)):
         head |= {name: _table(values), f"{name}_mean": _of(values, np.mean), f"{name}_max": _of(values, np.max)}
+    head |= {"support": _table(found.support), "support_mean": _of(found.support, np.mean)}
+    head["support_min"] = _of(found.support, np.min)
     return Response(orjson.dumps(head), media_type=JSON)
 
 

@@ -32,9 +32,20 @@ async def test_a_pose_is_what_the_library_evaluates(client, catalog):
 
 async def test_a_pose_has_exactly_the_promised_fields(client):
     reply = (await ask(client, adverbs=ARM, phase=0.5)).json()
-    promised = "verb version method phase time duration root rotations measured error clamped"
+    promised = "verb version method phase time duration root rotations measured error clamped support"
     assert list(reply) == promised.split()
     assert set(reply["measured"]) == {"x", "y"}
+
+
+async def test_support_is_whole_at_an_example_and_falls_outside(client, catalog):
+    verb = catalog.entry("arm3").evaluator.verb
+    example = dict(zip("xy", verb.values[0].tolist(), strict=True))
+    found = [
+        (await ask(client, adverbs={name: factor * value for name, value in example.items()})).json()["support"]
+        for factor in (1.0, 1.2, 1.5)
+    ]
+    assert found[0] == pytest.approx(1.0, abs=1e-6)
+    assert found[0] > found[1] > found[2] > 0.0
 
 
 async def test_phase_and_time_ask_for_the_same_pose(client):

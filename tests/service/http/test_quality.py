@@ -31,6 +31,17 @@ async def test_corrected_is_exact_where_rbf_is_not(client):
     assert means["rbf"] > 0.01
 
 
+async def test_support_is_that_of_poses(client):
+    reply = (await ask(client, "arm3", nodes=9)).json()
+    values = [value for row in reply["support"] for value in row if value is not None]
+    assert reply["support_min"] == min(values)
+    assert reply["support_mean"] == pytest.approx(np.mean(values))
+    for row, column in ((4, 4), (3, 5)):
+        adverbs = {"x": reply["columns"][column], "y": reply["rows"][row]}
+        pose = (await client.post("/v1/verbs/arm3/pose", json={"adverbs": adverbs})).json()
+        assert reply["support"][row][column] == pytest.approx(pose["support"], rel=1e-6)
+
+
 async def test_other_adverbs_are_held(client):
     reply = (await ask(client, "reach", across="z", up="x", at="y=1.5", nodes=5)).json()
     assert (reply["across"], reply["up"], reply["held"]) == ("z", "x", {"y": 1.5})

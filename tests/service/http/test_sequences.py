@@ -39,6 +39,8 @@ async def test_each_frame_is_the_pose_at_its_time(client):
         assert reply["phases"][k] == pytest.approx(pose["phase"], abs=1e-12)
         assert reply["weights"] == [pose["weights"]]
         assert reply["error"] == pose["error"]
+        assert reply["support"] == pose["support"]
+        assert "supports" not in reply
 
 
 async def test_a_loop_runs_for_its_cycles_and_walks_on(client):
@@ -61,11 +63,13 @@ async def test_a_track_that_stays_is_the_sequence(client):
             np.testing.assert_allclose(tracked[column], plain[column], atol=1e-6)
 
 
-async def test_a_track_has_an_error_per_frame(client):
+async def test_a_track_has_an_error_and_a_support_per_frame(client):
     track = [{"time": k / 2, "adverbs": adverbs} for k, adverbs in enumerate(ENDS)]
     reply = (await ask(client, track=track, method="rbf")).json()
     assert len(reply["errors"]) == reply["frames"]
     assert reply["error"] == max(reply["errors"])
+    assert len(reply["supports"]) == reply["frames"]
+    assert reply["support"] == min(reply["supports"])
     assert reply["measured"] is None
 
 

@@ -24,6 +24,15 @@ def test_a_map_of_two_adverbs_is_the_slice_that_reports_are_made_of():
     np.testing.assert_allclose(found.smoothness, slice_curvature(arm, "rbf", whole).T, atol=1e-12)
 
 
+def test_support_is_high_near_examples_and_nan_outside(reach):
+    inner = reach.verb.values[np.argmin(np.linalg.norm(reach.verb.values - reach.verb.values.mean(axis=0), axis=1))]
+    found = quality_map.over(reach, across="x", up="y", held={"z": float(inner[2])}, nodes=41)
+    np.testing.assert_array_equal(np.isnan(found.support), ~found.inside)
+    row, column = np.argmin(np.abs(found.rows - inner[1])), np.argmin(np.abs(found.columns - inner[0]))
+    assert found.support[row, column] > 0.9
+    assert np.nanmin(found.support) < 0.7
+
+
 def test_what_is_held_is_held_and_the_rest_is_at_mid_range(reach):
     found = quality_map.over(reach, across="z", held={"x": -0.2}, nodes=5)
     y = reach.verb.adverbs[1]

@@ -148,6 +148,8 @@ def states(service: Service, verbs: list[str]) -> Iterator[State]:
         for panel in PANELS:
             opened_view = {"verb": "reach", "panel": panel}
             yield State(f"{panel}_{scheme}", opened_view, opened(panel.title()), WIDE, scheme)
+        maps = {"verb": "reach", "panel": "quality", "map": "support", "maps": "corrected", **REACH}
+        yield State(f"support_{scheme}", maps, pause_at_goal, WIDE, scheme)
     yield State("compare_arm3", {"verb": "arm3", "compare": "method:rbf"}, compared, SMALL)
     yield State("crowd_arm3", {"verb": "arm3", "crowd": "24"}, crowd, SMALL)
     yield State("focus", {"verb": "reach"}, pressed("Tab", "Tab"), SMALL)

@@ -32,7 +32,7 @@ const view: fc.Arbitrary<View> = fc.record<View>({
   camera: fc.option(fc.array(number, { minLength: 6, maxLength: 6 })),
   across: fc.string({ maxLength: 40 }),
   up: fc.string({ maxLength: 40 }),
-  map: fc.constantFrom("error", "smoothness"),
+  map: fc.constantFrom("error", "smoothness", "support"),
   maps: fc.array(
     name.filter((each) => !each.includes(",")),
     { maxLength: 4 },

@@ -130,7 +130,7 @@ const CODECS: { [Key in Exclude<keyof View, "goal" | "slice">]: Codec<View[Key]>
   camera,
   across: name,
   up: name,
-  map: oneOf("error", "smoothness"),
+  map: oneOf("error", "smoothness", "support"),
   maps: names,
 };
 

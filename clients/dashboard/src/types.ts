@@ -52,7 +52,7 @@ export interface View {
   /** Axes of the quality maps (empty: the first two adverbs) and the displayed quantity. */
   across: string;
   up: string;
-  map: "error" | "smoothness";
+  map: "error" | "smoothness" | "support";
   /** Methods of the quality maps; empty: default selection. */
   maps: readonly string[];
   /** Fixed adverbs of the maps; null: taken from the goal. */

@@ -42,6 +42,11 @@ export function digits(value: number, least = 0.005): string {
 
 const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
+/** Share as a whole percentage. */
+export function shareText(share: number | null | undefined): string {
+  return share === null || share === undefined ? "–" : `${Math.round(100 * share)} %`;
+}
+
 /** κ with two digits, small values as powers of ten. */
 export function kappa(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";

@@ -194,10 +194,10 @@ export interface paths {
         put?: never;
         /**
          * One pose
-         * @description Evaluate one pose at adverbs and a phase or time, with its error.
+         * @description Evaluate one pose at adverbs and a phase or time, with its error and its support by the examples.
          *
          *     With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
-         *     `weights`, `measured` and `met` have no place there.
+         *     `weights`, `measured`, `support` and `met` have no place there.
          */
         post: operations["pose"];
         delete?: never;
@@ -238,8 +238,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Maps of error and smoothness
-         * @description Map the error of a method and the curvature κ of its weights over a plane of adverbs.
+         * Maps of error, smoothness and support
+         * @description Map a method over a plane of adverbs: its error, the curvature κ of its weights, and support by the examples.
          *
          *     Nodes outside the domain are null. κ scales with the square of the spacing: compare maps of one grid only.
          */
@@ -853,6 +853,11 @@ export interface components {
              */
             rotations: number[][];
             /**
+             * Support
+             * @description How well the examples support the answer: 1 at an example, 0.5 where it is as uncertain as an example predicted from the others.
+             */
+            support: number;
+            /**
              * Time
              * @description Seconds from the start.
              */
@@ -1000,7 +1005,7 @@ export interface components {
         };
         /**
          * QualityAnswer
-         * @description Error and smoothness of a method over a plane of adverbs.
+         * @description Error, smoothness and support of a method over a plane of adverbs.
          */
         QualityAnswer: {
             /** Across */
@@ -1042,6 +1047,15 @@ export interface components {
             smoothness_max: number | null;
             /** Smoothness Mean */
             smoothness_mean: number | null;
+            /**
+             * Support
+             * @description Support by the examples, 0 to 1; null outside the domain.
+             */
+            support: (number | null)[][];
+            /** Support Mean */
+            support_mean: number | null;
+            /** Support Min */
+            support_min: number | null;
             /**
              * Unit
              * @description Unit of the error.
@@ -1245,6 +1259,16 @@ export interface components {
             root_velocity?: number[][] | null;
             /** Rotations */
             rotations: number[][][];
+            /**
+             * Support
+             * @description How well the examples support the answer: 1 at an example, 0.5 where it is as uncertain as an example predicted from the others. With a track, the least.
+             */
+            support: number;
+            /**
+             * Supports
+             * @description With a track: the support of each frame.
+             */
+            supports?: number[] | null;
             /** Times */
             times: number[];
             /** Verb */

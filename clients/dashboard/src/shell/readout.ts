@@ -1,10 +1,11 @@
-/** Readout: live distance to the goal, predicted error at the goal's keytime, comparison and phase. */
+/** Readout: live distance to the goal, predicted error at the goal's keytime, support by the examples, comparison and phase. */
 
 import type { Page } from "../app";
 import type { Shown, Verb } from "../types";
-import { errorText } from "../units";
+import { errorText, shareText } from "../units";
 import { effectorPhase } from "../verb";
 import { h } from "./dom";
+import { goalSupport } from "./goal_support";
 import { methodLabel } from "./header";
 
 /** Update interval of the readout. */
@@ -13,6 +14,9 @@ const EVERY_MS = 100;
 const REACHED = 0.001;
 /** Phase tolerance of the goal's keytime. */
 const AT_KEYTIME = 0.012;
+
+const SUPPORT =
+  "How well the examples support this goal: 100 % at one, 50 % where it is as uncertain as a left-out example";
 
 /** State of the goal, as an attribute for the style and as a text. */
 export interface GoalState {
@@ -29,6 +33,7 @@ export function readout(page: Page, distance: () => number | null): HTMLElement 
   const facts = h("dl", { className: "facts" });
   const about = { className: "readout", "aria-label": "Goal error", hidden: true };
   const element = h("section", about, h("div", { className: "figure" }, value, caption), state, comparison, facts);
+  const support = goalSupport(page);
   let dueMs = 0;
   page.on("frame", (shown) => {
     const { verb } = page;
@@ -44,7 +49,7 @@ export function readout(page: Page, distance: () => number | null): HTMLElement 
     const other = page.shown.comparison;
     comparison.hidden = other === null;
     if (other) comparison.textContent = comparisonText(verb, figureLabel(page, other), other.error);
-    facts.replaceChildren(...rows(page, verb, shown));
+    facts.replaceChildren(...rows(page, verb, shown, support()));
   });
   page.on("verb", () => {
     value.textContent = "–";
@@ -78,13 +83,17 @@ function figureLabel(page: Page, shown: Shown): string {
   return page.store.view.compare.kind === "version" ? `Version ${shown.version}` : methodLabel(shown.method);
 }
 
-function rows(page: Page, { measure }: Verb, shown: Shown): HTMLElement[] {
+function rows(page: Page, { measure }: Verb, shown: Shown, support: number | null): HTMLElement[] {
   const { version, method, phase, count, error } = shown;
   return [
     ...(measure.keytime === null ? [] : [[`Error at ${measure.keytime}`, errorText(error, measure.unit)]]),
+    ["Support", shareText(support), SUPPORT],
     ["Phase", phase.toFixed(3)],
     ["Method", methodLabel(method)],
     ["Version", String(version)],
     ...(page.store.view.crowd > 1 ? [["Characters", String(count)]] : []),
-  ].flatMap(([name, value]) => [h("dt", {}, name ?? ""), h("dd", {}, value ?? "")]);
+  ].flatMap(([name, value, title]) => {
+    const about = title === undefined ? {} : { title };
+    return [h("dt", about, name ?? ""), h("dd", about, value ?? "")];
+  });
 }

@@ -76,6 +76,9 @@ export function linearScale(most: number): Scale {
   return { at: (value) => value / high, ticks: [0, 1, 2, 3, 4].map((k) => (k * high) / 4) };
 }
 
+/** Scale of shares, 0–1. */
+export const SHARES: Scale = { at: (value) => value, ticks: [0, 0.25, 0.5, 0.75, 1] };
+
 const MOST_DECADES = 4;
 
 /** Logarithmic scale in whole decades that covers all but the smallest 5 % of the values. */

@@ -1,6 +1,7 @@
 /** One quality map: a method's values over a slice, with goal, examples and pointer position. */
 
 import { h } from "../../shell/dom";
+import type { View } from "../../types";
 import { indexOf, PALETTE, type Scale } from "./colours";
 import { type Dot, type Quality, type Slice, share, valueAt } from "./slice";
 
@@ -8,13 +9,13 @@ export type Place = readonly [across: number, up: number];
 
 export interface Picture {
   title: string;
-  /** Mean and largest value, or the reason for a missing map. */
+  /** Mean and worst value, or the reason for a missing map. */
   figures: string;
   problem: boolean;
   /** Whether a newer map is being loaded. */
   pending: boolean;
   quality: Quality | null;
-  key: "error" | "smoothness";
+  key: View["map"];
   scale: Scale;
   slice: Slice;
   dots: readonly Dot[];

@@ -1,11 +1,11 @@
-/** Maps of error and smoothness over a slice of adverb space, one per method, with a common colour scale. */
+/** Maps of error, smoothness and support over a slice of adverb space, one per method, with a common colour scale. */
 
 import { textOf } from "../../app";
 import { choice, h, setOptions, toggle } from "../../shell/dom";
 import { methodLabel } from "../../shell/header";
 import type { App, Verb, View } from "../../types";
-import { adverbUnit, digits, errorUnit, kappa, type Unit } from "../../units";
-import { gradient, linearScale, logScale, type Scale } from "./colours";
+import { adverbUnit, digits, errorUnit, kappa, shareText, type Unit } from "../../units";
+import { gradient, linearScale, logScale, type Scale, SHARES } from "./colours";
 import { type Disposables, throttle } from "./disposables";
 import { LatestRequest } from "./latest_request";
 import { type Picture, type Place, QualityMap } from "./quality_map";
@@ -241,11 +241,7 @@ export class QualityMaps {
     const known = this.cells.flatMap(({ quality }) => quality ?? []);
     const most = Math.max(FINEST, ...known.map(({ error_max }) => error_max ?? 0));
     const unit = errorUnit(verb.measure.unit, most);
-    const errors = linearScale(most * unit.factor);
-    const scale: Scale =
-      view.map === "error"
-        ? { ...errors, at: (value) => errors.at(value * unit.factor) }
-        : logScale(known.flatMap(({ smoothness }) => smoothness.flat().filter((value) => value !== null)));
+    const scale = scaleOf(view.map, known, most, unit);
     this.legend(view.map, scale, unit);
     const none = view.map === "error" && verb.measure.kind === "none";
     this.caption.parentElement?.toggleAttribute("hidden", none);
@@ -272,8 +268,12 @@ export class QualityMaps {
   }
 
   private legend(map: View["map"], scale: Scale, unit: Unit): void {
-    this.caption.textContent = map === "error" ? `Error, ${unit.text}` : `κ of the weights, ${NODES} nodes per side`;
-    const texts = scale.ticks.map((tick) => (map === "error" ? digits(tick, 0) : kappa(tick)));
+    this.caption.textContent = {
+      error: `Error, ${unit.text}`,
+      smoothness: `κ of the weights, ${NODES} nodes per side`,
+      support: "Support: 100\u00a0% at an example, 50\u00a0% where the motion is as uncertain as a left-out example",
+    }[map];
+    const texts = scale.ticks.map((tick) => (map === "error" ? digits(tick, 0) : valueText(map, tick, unit)));
     this.ticks.replaceChildren(...texts.map((text) => h("span", {}, text)));
   }
 
@@ -290,19 +290,30 @@ export class QualityMaps {
       .join(", ");
     const values = this.cells.map((cell) => {
       const value = cell.quality && lookUp(cell.quality, key, ...pointed);
-      return `${titleOf(cell)} ${value === null ? "–" : key === "error" ? inUnit(value, unit) : kappa(value)}`;
+      return `${titleOf(cell)} ${valueText(key, value, unit)}`;
     });
     this.status.textContent = `${place}: ${values.join(" · ")}`;
   }
 }
 
-function inUnit(value: number, { text, factor }: Unit): string {
-  return `${digits(value * factor)} ${text}`;
+function scaleOf(map: View["map"], known: readonly Quality[], most: number, unit: Unit): Scale {
+  if (map === "support") return SHARES;
+  if (map === "smoothness")
+    return logScale(known.flatMap(({ smoothness }) => smoothness.flat().filter((value) => value !== null)));
+  const errors = linearScale(most * unit.factor);
+  return { ...errors, at: (value) => errors.at(value * unit.factor) };
+}
+
+function valueText(map: View["map"], value: number | null, { text, factor }: Unit): string {
+  if (value === null) return "–";
+  if (map === "error") return `${digits(value * factor)} ${text}`;
+  return map === "support" ? shareText(value) : kappa(value);
 }
 
 const MAP_KINDS = [
   ["error", "Error"],
   ["smoothness", "Smoothness κ"],
+  ["support", "Support"],
 ] as const;
 
 function drop(cell: Cell): void {
@@ -320,11 +331,7 @@ function pictureOf(
   unit: Unit,
 ): Pick<Picture, "title" | "figures" | "problem" | "pending" | "quality"> {
   const { quality, problem } = cell;
-  const [mean, max] = [quality?.[`${key}_mean`] ?? null, quality?.[`${key}_max`] ?? null];
-  const text = (value: number | null) => (key === "error" ? digits((value ?? Number.NaN) * unit.factor) : kappa(value));
-  const none = key === "error" ? "no measured goal" : "no node with all neighbours inside the domain";
-  const after = key === "error" ? ` ${unit.text}` : "";
-  const figures = !quality ? "Computing…" : mean === null ? none : `mean ${text(mean)}, max ${text(max)}${after}`;
+  const figures = quality ? figuresText(key, quality, unit) : "Computing…";
   return {
     title: titleOf(cell),
     figures: problem || figures,
@@ -333,6 +340,21 @@ function pictureOf(
     quality,
   };
 }
+
+/** Mean and worst value of a map. */
+export function figuresText(map: View["map"], quality: Quality, unit: Unit): string {
+  const mean = quality[`${map}_mean`];
+  if (mean === null) return NOTHING[map];
+  if (map === "support") return `mean ${shareText(mean)}, min ${shareText(quality.support_min)}`;
+  if (map === "smoothness") return `mean ${kappa(mean)}, max ${kappa(quality.smoothness_max)}`;
+  return `mean ${digits(mean * unit.factor)}, max ${valueText(map, quality.error_max, unit)}`;
+}
+
+const NOTHING: Record<View["map"], string> = {
+  error: "no measured goal",
+  smoothness: "no node with all neighbours inside the domain",
+  support: "no node inside the domain",
+};
 
 function axisText(arrow: string, { name, min, max, unit }: Slice["across"]): string {
   const { text, factor } = adverbUnit(unit);

@@ -1,7 +1,7 @@
 /** A two-dimensional slice of adverb space; the other adverbs are fixed. */
 
 import type { components } from "../../generated/schema";
-import type { Verb } from "../../types";
+import type { Verb, View } from "../../types";
 
 export type Quality = components["schemas"]["QualityAnswer"];
 type Named = Readonly<Record<string, number>>;
@@ -81,7 +81,7 @@ export function valueAt({ min, max }: Adverb, at: number, nodes: number): number
 }
 
 /** Map value at the nearest node; null outside the domain. */
-export function lookUp(quality: Quality, key: "error" | "smoothness", across: number, up: number): number | null {
+export function lookUp(quality: Quality, key: View["map"], across: number, up: number): number | null {
   const { columns, rows } = quality;
   return quality[key][nearest(rows, up)]?.[nearest(columns, across)] ?? null;
 }

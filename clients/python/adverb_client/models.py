@@ -122,10 +122,11 @@ class Pose:
         Distance between requested and measured adverbs, metres (or the measure's unit); None where not measured.
     clamped : bool
         Whether the adverbs were clamped to the domain.
-    method, measured, positions, root_velocity, weights, met, tried
+    method, measured, positions, root_velocity, weights, met, tried, support
         In full responses only, else None: the method; the measured adverbs; in global space the joints' positions
         (J, 3), metres; of a locomotion root sideways and forward velocity, m/s, and yaw rate, rad/s, (3,); the
-        examples' weights (E,); whether the error is within ``max_error``; the methods that were tried.
+        examples' weights (E,); whether the error is within ``max_error``; the methods that were tried; how well
+        the examples support the answer, 0 to 1.
     """
 
     verb: str
@@ -144,6 +145,7 @@ class Pose:
     weights: F64 | None = None
     met: bool | None = None
     tried: tuple[str, ...] | None = None
+    support: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +162,7 @@ class Poses:
     errors : (B,) float32
         NaN where nothing is measured.
     clamped : (B,) bool
-    method, measured, positions, root_velocity, weights
+    method, measured, positions, root_velocity, weights, support
         As in :class:`Pose`, with a leading axis (B).
     """
 
@@ -178,6 +180,7 @@ class Poses:
     positions: F32 | None = None
     root_velocity: F32 | None = None
     weights: F64 | None = None
+    support: F64 | None = None
 
     def __len__(self) -> int:
         return len(self.phases)
@@ -202,6 +205,7 @@ class Poses:
             None if self.positions is None else self.positions[k],
             None if self.root_velocity is None else self.root_velocity[k],
             None if self.weights is None else self.weights[k],
+            support=None if self.support is None else float(self.support[k]),
         )
 
 
@@ -232,8 +236,8 @@ class Sequence:
         NaN where nothing is measured.
     clamped : bool
         Whether the adverbs of any frame were clamped to the domain.
-    method, measured, events, positions, root_velocity, weights
-        In full responses only, else None. Weights are (1, E), or (F, E) along a track.
+    method, measured, events, positions, root_velocity, weights, support
+        In full responses only, else None. Weights are (1, E), or (F, E) along a track; support is (F,).
     """
 
     verb: str
@@ -252,6 +256,7 @@ class Sequence:
     positions: F32 | None = None
     root_velocity: F32 | None = None
     weights: F64 | None = None
+    support: F64 | None = None
 
     def __len__(self) -> int:
         return len(self.phases)

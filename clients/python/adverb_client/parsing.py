@@ -123,6 +123,7 @@ def pose(fields: Json) -> Pose:
         _weights(fields),
         fields.get("met"),
         None if tried is None else tuple(tried),
+        fields.get("support"),
     )
 
 
@@ -153,6 +154,7 @@ def poses(fields: Json) -> Poses:
         column("positions"),
         column("root_velocity"),
         column("weights"),
+        column("support"),
     )
 
 
@@ -160,6 +162,7 @@ def sequence(fields: Json) -> Sequence:
     """A whole motion of JSON."""
     frames = fields["frames"]
     errors = fields.get("errors") or [fields["error"]] * frames
+    supports = fields.get("supports", [fields["support"]] * frames if "support" in fields else None)
     return Sequence(
         fields["verb"],
         fields["version"],
@@ -177,6 +180,7 @@ def sequence(fields: Json) -> Sequence:
         _optional(fields, "positions", (frames, -1, 3)),
         _optional(fields, "root_velocity", (frames, 3)),
         _weights(fields),
+        None if supports is None else np.array(supports, np.float64).reshape(frames),
     )
 
 

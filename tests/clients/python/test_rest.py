@@ -47,7 +47,8 @@ async def test_a_record_and_a_full_response_agree(client):
     assert short.time_s == pytest.approx(full.time_s, abs=1e-6)
     assert short.error == pytest.approx(full.error, abs=1e-6)
     assert (short.method, short.measured) == (None, None)
-    assert full.method == "corrected"
+    assert (short.support, full.method) == (None, "corrected")
+    assert 0.0 < full.support < 1.0
     assert full.measured == pytest.approx(AT, abs=1e-6)
     verb = await client.verb("arm3")
     np.testing.assert_allclose(verb.skeleton.positions(short.root, short.rotations)[3, :2], ROW, atol=1e-6)
@@ -79,6 +80,8 @@ async def test_batches_by_rows_columns_and_times(client):
     timed = await client.poses("arm3", rows[:3], times_s=[0.0, 0.1, 0.2], weights=True)
     np.testing.assert_allclose(timed.times_s, [0.0, 0.1, 0.2], atol=1e-6)
     assert timed.weights.shape == (3, 9)
+    assert timed.support.shape == (3,)
+    assert timed[1].support == timed.support[1]
     assert set(timed.measured) == {"x", "y"}
     assert len(list(await client.poses("arm3", {"x": 0.4, "y": [0.1, 0.2]}, times_s=0.1))) == 2
 
@@ -98,6 +101,8 @@ async def test_motions_at_constant_adverbs_and_along_a_track(client):
     assert binary.rotations.shape == (len(fields), 1, 4)
     assert binary.duration_s == pytest.approx(fields.duration_s, abs=1e-5)
     assert fields.weights.shape == (len(fields), 9)
+    assert fields.support.shape == (len(fields),)
+    assert np.ptp(fields.support) > np.ptp(full.support) == 0.0
     assert (await client.bvh("arm3", AT)).startswith("HIERARCHY")
 
 

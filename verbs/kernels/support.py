@@ -6,8 +6,8 @@
 u is the goal and u_i are the examples, in normalised chart coordinates. V is not negative for weights that sum to 1,
 since −γ is conditionally positive definite of order 1.
 
-Source: the error variance of a linear predictor under a variogram γ, N. Cressie, "Statistics for Spatial Data", 1993,
-equation 3.2.6; with the weights of the basis it is the squared power function of H. Wendland, "Scattered Data
+Source: the error variance of a linear predictor under a semivariogram γ, N. Cressie, "Statistics for Spatial Data",
+1993, section 3.2; with the weights of the basis it is the squared power function of H. Wendland, "Scattered Data
 Approximation", 2005, section 11.1.
 """
 

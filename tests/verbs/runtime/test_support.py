@@ -173,6 +173,7 @@ def test_it_works_in_any_dimension_and_with_as_few_examples_as_a_verb_may_have(r
             keytimes=reach.verb.keytimes[:count],
             curves=np.ascontiguousarray(reach.verb.curves[:, :count]),
             strides=np.ascontiguousarray(reach.verb.strides[:, :count]),
+            contacts=None,
             measure=replace(reach.verb.measure, kind=measures.NOTHING, axes=NO_AXES, frame=np.zeros((3, 0))),
             domain=bases.domain_of(chart, values),
             bases={"rbf": bases.cardinal(chart, values)},

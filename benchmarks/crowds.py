@@ -12,7 +12,7 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import inf, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,6 +26,7 @@ from adverb_load.frames import FrameError
 from adverb_load.goals import RequestError, fetch
 from adverb_load.process import Served, StartError, pinned
 
+from benchmarks.rounds import Rounds
 from benchmarks.streams import (
     CLIENT_CORE,
     METHOD,
@@ -55,48 +56,21 @@ BARE_GOALS = {"wide": 1.3, "wide steered": 2.0}
 
 
 @dataclass(slots=True)
-class Row:
-    """What rounds of one load gave.
+class Row(Rounds[CrowdReport]):
+    """Rounds of a load of crowds, as a line of the table; ``failure`` says why one could not be played."""
 
-    Parameters
-    ----------
-    name : str
-    load : Load
-    server : Served
-    walk : bool
-        Whether the server describes the verb; the bare loop does not.
-    reports : list of CrowdReport
-    waited : list of float
-        Share of the time in which the server could have run, and others had its core.
-    failure : str
-        Why the load could not be played.
-    """
-
-    name: str
-    load: Load
-    server: Served
-    walk: bool = True
-    reports: list[CrowdReport] = field(default_factory=list)
-    waited: list[float] = field(default_factory=list)
     failure: str = ""
 
     def play(self, seconds: float) -> None:
         """Run one round."""
-        waited_s: list[float] = []
-
-        def probe() -> float:
-            waited_s.append(self.server.waited_s())
-            return self.server.cpu_s()
-
         try:
-            self.reports.append(run_crowd(self.load, seconds=seconds, probe=probe, walk_goals=self.walk))
-            self.waited.append((waited_s[-1] - waited_s[0]) / seconds / len(self.server.servers))
+            Rounds.play(self, seconds)
         except (RequestError, FrameError, OSError, TimeoutError) as err:
             self.failure = f"{type(err).__name__}: {err}"
 
-    def least(self, figure: Callable[[CrowdReport], float]) -> float:
-        """The least of all rounds; NaN without one."""
-        return min((figure(report) for report in self.reports), default=nan)
+    def run(self, seconds: float, probe: Callable[[], float]) -> CrowdReport:
+        """Play the load."""
+        return run_crowd(self.load, seconds=seconds, probe=probe, walk_goals=self.walk)
 
     def most(self, figure: Callable[[CrowdReport], float]) -> float:
         """The greatest of all rounds; NaN without one."""

@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,6 +23,7 @@ from adverb_load.fleet import Report, run
 from adverb_load.goals import fetch
 from adverb_load.process import Served, pinned, serve
 
+from benchmarks.rounds import Rounds
 from benchmarks.timing import machine
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -45,43 +46,12 @@ class NoCapture(Exception):
 
 
 @dataclass(slots=True)
-class Row:
-    """What rounds of one load gave.
+class Row(Rounds[Report]):
+    """Rounds of a load of single streams, as a line of the table."""
 
-    Parameters
-    ----------
-    name : str
-    load : Load
-    server : Served
-    walk : bool
-        Whether goals come from a walk; the bare loop has none.
-    reports : list of Report
-    waited : list of float
-        Share of the time in which the server could have run, and others had its core: doubt lateness where it is not
-        next to nothing.
-    """
-
-    name: str
-    load: Load
-    server: Served
-    walk: bool = True
-    reports: list[Report] = field(default_factory=list)
-    waited: list[float] = field(default_factory=list)
-
-    def play(self, seconds: float) -> None:
-        """Run one round."""
-        waited_s: list[float] = []
-
-        def probe() -> float:
-            waited_s.append(self.server.waited_s())
-            return self.server.cpu_s()
-
-        self.reports.append(run(self.load, seconds=seconds, probe=probe, walk=self.walk))
-        self.waited.append((waited_s[-1] - waited_s[0]) / seconds)
-
-    def least(self, figure: Callable[[Report], float]) -> float:
-        """The least of all rounds."""
-        return min(figure(report) for report in self.reports)
+    def run(self, seconds: float, probe: Callable[[], float]) -> Report:
+        """Play the load."""
+        return run(self.load, seconds=seconds, probe=probe, walk=self.walk)
 
     def us_per_message(self) -> float:
         """Server CPU per message."""

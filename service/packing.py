@@ -121,8 +121,8 @@ def pack_step(characters: Characters, slots: I64, step_s: float, version: int, t
         )  # fmt: skip
         _pack_sums_direct(heads, source, targets, version, buffer)
     if len(step.rest):
-        world, places = np.empty_like(step.rotations), np.empty((len(step.rest), len(parents), 3))
-        forward(step.root, step.rotations, parents, characters.verb.skeleton.offsets, world, places)
+        world, positions = np.empty_like(step.rotations), np.empty((len(step.rest), len(parents), 3))
+        forward(step.root, step.rotations, parents, characters.verb.skeleton.offsets, world, positions)
         posed = _Posed(step.rest, step.weights, step.root, step.rotations, world)
         _pack_direct(heads, posed, targets, version, buffer)
     return step

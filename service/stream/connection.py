@@ -11,6 +11,7 @@ import asyncio
 import socket
 import struct
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Coroutine, MutableMapping
 from typing import Any
@@ -52,7 +53,7 @@ def frame_head(first: int, size: int) -> bytes:
     return struct.pack("!BBQ", first, 127, size)
 
 
-class Connection:
+class Connection(ABC):
     """A WebSocket's sending side.
 
     Parameters
@@ -84,9 +85,9 @@ class Connection:
         return self.posted - self.handled
 
     @property
+    @abstractmethod
     def mode(self) -> int:
         """How a pose message can be sent now; see :mod:`service.stream.kernels`."""
-        raise NotImplementedError
 
     def end(self, code: int, reason: str) -> None:
         """Close the connection; its endpoint sends the close frame."""
@@ -103,24 +104,17 @@ class Connection:
             return
         self._put_text(message)
 
+    @abstractmethod
     def flush(self) -> bool:
         """Send what waits; return whether nothing is left."""
-        raise NotImplementedError
-
-    def write(self, data: bytes) -> None:
-        """Send bytes of whole frames, now or after what waits; of direct connections only."""
-        raise NotImplementedError
-
-    def close(self) -> None:
-        """Close the socket once everything is sent; of direct connections only."""
-        raise NotImplementedError
 
     def cut(self) -> None:
         """Send nothing more."""
         self.lost = True
 
+    @abstractmethod
     def _put_text(self, message: bytes) -> None:
-        raise NotImplementedError
+        """Send a text message after what waits."""
 
     def _call(self, function: Callable[[], None]) -> None:
         if not self._loop.is_closed():

@@ -193,17 +193,17 @@ class Hub:
         if for_good or not session.channels or self.draining:
             self._forget(session)
 
-    def write(self, connection: Connection, data: bytes) -> None:
+    def write(self, connection: DirectConnection, data: bytes) -> None:
         """Send frames that the WebSocket library has made."""
         connection.write(data)
         self._note_waiting(connection)
 
-    def close_connection(self, connection: Connection) -> None:
+    def close_connection(self, connection: DirectConnection) -> None:
         """Close the socket of a connection once everything is sent."""
         connection.close()
         self._note_waiting(connection)
 
-    def _note_waiting(self, connection: Connection) -> None:
+    def _note_waiting(self, connection: DirectConnection) -> None:
         session = self._session_of.get(connection)
         if connection.pending:
             if session is None:

@@ -53,7 +53,7 @@ class Interest:
             self._left_out, self._bytes, self._since_s = other._left_out, other._bytes, other._since_s
             self._saved = other._saved
 
-    def choose(self, numbers: I64, priorities: F64, sizes: I64, places: F64, *, fixed: int, step_s: float) -> I64:
+    def choose(self, numbers: I64, priorities: F64, sizes: I64, positions: F64, *, fixed: int, step_s: float) -> I64:
         """Choose the records of a message that are sent: 1 or 0 for each (R,).
 
         Parameters
@@ -63,7 +63,7 @@ class Interest:
         priorities : (R,) float64
         sizes : (R,) int64
             Bytes of each record.
-        places : (R, 3) float64
+        positions : (R, 3) float64
             Position of each character.
         fixed : int
             Bytes of a message without records.
@@ -74,7 +74,7 @@ class Interest:
         rows = np.searchsorted(self._numbers, numbers)
         rates = priorities
         if self.viewpoint is not None:
-            rates = rates / (1.0 + np.linalg.norm(places - self.viewpoint, axis=1) / NEAR_M)
+            rates = rates / (1.0 + np.linalg.norm(positions - self.viewpoint, axis=1) / NEAR_M)
         per_s = 125.0 * self.budget_kbps
         most = max(SAVED_S * per_s, float(fixed + sizes.max(initial=0)))
         self._saved = min(self._saved + step_s * per_s, most)

@@ -1,4 +1,4 @@
-"""How the messages of a tick are arranged: places of records in one buffer, and the rows that are stepped together.
+"""How the messages of a tick are arranged: offsets of records in one buffer, and the rows that are stepped together.
 
 The arrangement of one session depends on its own channels only, and is kept until these change. A plan joins those of
 all sessions, as arrays: channels of one group and rate stand together, whichever session they belong to.
@@ -28,7 +28,7 @@ HEAD_WORDS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Piece:
-    """Channels of one session, one group and one rate; places count from the start of the session's message."""
+    """Channels of one session, one group and one rate; offsets count from the start of the session's message."""
 
     channels: list[Channel]
     slots: I64
@@ -101,7 +101,7 @@ class Budgeted:
             found[ranks] = [channel.priority for channel in part.channels[row : row + len(ranks)]]
         return found
 
-    def places(self) -> F64:
+    def positions(self) -> F64:
         """Positions (R, 3) of the characters."""
         found = np.zeros((len(self.numbers), 3))
         for part, row, ranks in self.pieces:

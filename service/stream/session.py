@@ -242,17 +242,17 @@ class Session:
             return int(kernels.aim(numbers, slots, channels, values, MAX_ADVERB, whole, group.characters.goals))
         rows = values.reshape(-1, width)
         fine = np.zeros(len(channels), np.bool_)
-        places = []
+        found_in = []
         for group, numbers, slots in groups:
             if group.characters.goals.shape[1] == width:
                 at = np.minimum(np.searchsorted(numbers, channels), len(numbers) - 1)
                 found = numbers[at] == channels
-                places.append((group, found, slots[at]))
+                found_in.append((group, found, slots[at]))
                 fine |= found
         fine &= np.all(np.abs(rows) <= MAX_ADVERB, axis=1)  # NaN compares false
         wrong = -1 if fine.all() else int(np.argmin(fine))
         count = len(channels) if wrong < 0 else 0 if whole else wrong
-        for group, found, slots in places:
+        for group, found, slots in found_in:
             chosen = np.flatnonzero(found[:count])
             group.characters.goals[slots[chosen]] = rows[chosen]
         return wrong

@@ -216,7 +216,7 @@ def _choose(found: Plan, budgeted: plan.Budgeted, step_s: float) -> None:
     assert session.interest is not None  # only such sessions are budgeted
     head = 10
     chosen = session.interest.choose(
-        budgeted.numbers, budgeted.priorities(), 4 * budgeted.sizes, budgeted.places(),
+        budgeted.numbers, budgeted.priorities(), 4 * budgeted.sizes, budgeted.positions(),
         fixed=4 * HEADER_WORDS + head, step_s=step_s,
     )  # fmt: skip
     sizes = budgeted.sizes * chosen

@@ -92,7 +92,7 @@ def errors_of(
         rotations = rows["rotations"]
     points = effector.points(rows["root"].astype(np.float64), rotations.astype(np.float64))
     recent = np.arange(RECENT if moving else 1)
-    places = (steps[:, None] - recent + STRIDE * channel) % len(goals.rows)
-    distances = np.linalg.norm(points[:, None] - goals.rows[places].astype(np.float64), axis=-1)
+    indices = (steps[:, None] - recent + STRIDE * channel) % len(goals.rows)
+    distances = np.linalg.norm(points[:, None] - goals.rows[indices].astype(np.float64), axis=-1)
     nearest: npt.NDArray[np.float64] = distances.min(axis=1)
     return nearest

@@ -173,6 +173,6 @@ def _completed(stored_steps: npt.NDArray[Any], omitted: npt.NDArray[Any], steps:
         stored /= np.sqrt(np.maximum(squares, 1.0))[..., None]
         squares = np.minimum(squares, 1.0)
     np.sqrt(1.0 - squares, out=parts[..., 0])
-    places = _ORDER[omitted].reshape(-1, 4) + 4 * np.arange(omitted.size)[:, None]
-    found: npt.NDArray[np.float32] = parts.reshape(-1)[places].reshape(parts.shape).astype(np.float32)
+    order = _ORDER[omitted].reshape(-1, 4) + 4 * np.arange(omitted.size)[:, None]
+    found: npt.NDArray[np.float32] = parts.reshape(-1)[order].reshape(parts.shape).astype(np.float32)
     return found

@@ -13,12 +13,12 @@ pytestmark = pytest.mark.anyio
 FIXED = 30
 
 
-def run(interest, count, priorities, sizes, ticks, *, places=None, step_s=1 / 60):
+def run(interest, count, priorities, sizes, ticks, *, positions=None, step_s=1 / 60):
     """Chosen records (T, R) of so many ticks."""
     numbers = np.arange(count)
-    places = np.zeros((count, 3)) if places is None else places
+    positions = np.zeros((count, 3)) if positions is None else positions
     rows = [
-        interest.choose(numbers, np.array(priorities, float), np.array(sizes), places, fixed=FIXED, step_s=step_s)
+        interest.choose(numbers, np.array(priorities, float), np.array(sizes), positions, fixed=FIXED, step_s=step_s)
         for _ in range(ticks)
     ]
     return np.array(rows)
@@ -61,9 +61,9 @@ def test_rates_follow_priorities():
 
 
 def test_near_characters_are_sent_more_often_than_far_ones():
-    places = np.array([[0.0, 0, 0], [NEAR_M, 0, 0], [0, 0, 9 * NEAR_M]])
+    positions = np.array([[0.0, 0, 0], [NEAR_M, 0, 0], [0, 0, 9 * NEAR_M]])
     interest = Interest(60 * (FIXED + 500) / 125, np.zeros(3))
-    chosen = run(interest, 3, [1, 1, 1], [500] * 3, 3000, places=places).sum(axis=0)
+    chosen = run(interest, 3, [1, 1, 1], [500] * 3, 3000, positions=positions).sum(axis=0)
     assert chosen[0] / chosen[1] == pytest.approx(2, rel=0.15)
     assert chosen[0] / chosen[2] == pytest.approx(10, rel=0.2)
 

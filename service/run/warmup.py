@@ -17,8 +17,8 @@ import structlog
 
 __all__ = ["load_building", "load_serving", "main"]
 
-LONGEST = "inverse"
-"""The method whose kernels take as long to compile as all others together."""
+METHODS = "methods"
+"""Argument of the process that compiles the kernels of methods, which takes as long as all others together."""
 
 
 @cache
@@ -77,19 +77,19 @@ def _load_measures() -> None:
 
 
 def main() -> None:
-    """Load everything once, while another process compiles the longest; each finds what the other has kept."""
+    """Load everything once, while another process compiles the methods; each finds what the other has kept."""
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.WARNING))
-    if sys.argv[1:] == [LONGEST]:
-        _evaluate(LONGEST)
+    if sys.argv[1:] == [METHODS]:
+        _compile_methods()
         return
-    with subprocess.Popen([sys.executable, "-m", "service.run.warmup", LONGEST]):
-        _compile()
+    with subprocess.Popen([sys.executable, "-m", "service.run.warmup", METHODS]):
+        _compile_streams()
+        load_building()
     load_serving()
-    load_building()
 
 
-def _compile() -> None:
-    """Compile the kernels of streams and of the methods but the longest."""
+def _compile_streams() -> None:
+    """Compile the kernels of streams."""
     from service import packing
     from service.stream import kernels
     from verbs import library
@@ -99,15 +99,20 @@ def _compile() -> None:
     packing.warm()
     kernels.warm()
     Characters(Evaluator(library.load("arm3"))).warm()
-    _evaluate("barycentric")
 
 
-def _evaluate(method: str) -> None:
+def _compile_methods() -> None:
+    """Compile the kernels of batches and of the methods that streams do not need."""
+    import numpy as np
+
     from verbs import library
+    from verbs.kernels.columns import BATCH
     from verbs.runtime.evaluate import Evaluator
 
-    verb = library.load("arm3")
-    Evaluator(verb).blend(verb.values[:1], method=method)
+    evaluator = Evaluator(library.load("arm3"))
+    evaluator.blend(np.resize(evaluator.verb.values, (BATCH, len(evaluator.verb.adverbs))))
+    for method in ("inverse", "barycentric", "knn"):
+        evaluator.blend(evaluator.verb.values[:1], method=method)
 
 
 if __name__ == "__main__":

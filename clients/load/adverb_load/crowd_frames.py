@@ -89,15 +89,18 @@ def _message(content: U8, at: int, size: np.int64, socket: int, now_ns: int, rec
     """Count one pose message."""
     state, totals = counts.sockets[socket], counts.totals
     records = np.int64(content[at + 2]) | np.int64(content[at + 3]) << 8
-    if size != MESSAGE_HEAD + records * record_bytes or content[at] != 1 or content[at + 1] != 1:
+    if content[at] != 1 or content[at + 1] != 1:
         totals[8] += 1
         return
-    totals[2] += 1
     sequence, dropped = _u32(content, at + 4), _u32(content, at + 16)
     due_ns = _u32(content, at + 8) | _u32(content, at + 12) << 32
     missing, more = sequence - state[0] - 1, dropped - state[1]
     state[0], state[1], state[2] = sequence, dropped, due_ns
     totals[6] += 1 if missing < 0 else max(0, missing - more)  # dropped messages may have no number
+    if size != MESSAGE_HEAD + records * record_bytes:
+        totals[8] += 1  # also a message that comes in one read with the length of records: it is not missing
+        return
+    totals[2] += 1
     late_ns = now_ns + state[3] - due_ns
     inside = totals[0] <= due_ns - state[3] < totals[1]
     if inside:

@@ -104,6 +104,14 @@ def test_malformed_messages_are_counted(content):
     assert totals_of(found).wrong == 1
 
 
+def test_a_message_of_unknown_length_is_not_missing():
+    found = counts()
+    room = np.frombuffer(poses(1) + poses(2), np.uint8)
+    walk(room, len(room) // 2, 1, NOW_NS, 0, 0, LAST, 1, found)  # its records' length has not been read yet
+    parse(poses(2), found)
+    assert (totals_of(found).messages, totals_of(found).wrong, totals_of(found).gaps) == (1, 1, 0)
+
+
 def test_messages_outside_the_window_are_not_measured():
     found = counts()
     parse(poses(1, late_ns=2 * NOW_NS) + poses(2, late_ns=-2 * NOW_NS), found)

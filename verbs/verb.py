@@ -246,8 +246,9 @@ class Verb:
         Reference rotation of each joint.
     rotation_mode, root_motion : int
         Numbers of :mod:`verbs.kernels.pose`.
-    strides : (K, N, 3) float64
-        Steps of a striding root; (0, N, 3) where the root's position is blended.
+    strides : (K, N, 4) float64
+        Steps of a striding root: sideways, forward (m), turn (rad), rise (m); (0, N, 4) where the root's position is
+        blended.
     measure : Measure
     domain : Domain
     bases : mapping of str to Basis
@@ -304,8 +305,8 @@ class Verb:
         striding = self.root_motion == poses.STRIDE
         _check(striding or self.root_motion == poses.ABSOLUTE, "unknown root motion")
         _check(
-            self.strides.shape == ((keys - 1) * striding, count, 3),
-            "strides must be intervals × examples × 3",
+            self.strides.shape == ((keys - 1) * striding, count, 4),
+            "strides must be intervals × examples × 4",
         )
         self._check_measure(dims, joints, marks)
         _check(len(self.domain.chart.shift) == dims, "the domain has another dimension than the adverbs")

@@ -66,7 +66,7 @@ def _load_measures() -> None:
         arm,
         looping=True,
         root_motion=pose.STRIDE,
-        strides=np.full((len(arm.curves) - 3, len(arm.examples), 3), 0.01),
+        strides=np.full((len(arm.curves) - 3, len(arm.examples), 4), 0.01),
         measure=replace(arm.measure, kind=measure.VELOCITY, keytime=-1),
     )
     jump = replace(reach, measure=replace(reach.measure, kind=measure.JUMP))

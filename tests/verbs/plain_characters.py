@@ -48,7 +48,7 @@ class Plain:
     following: bool = True
     fresh: int = 1
     share: float = 0.0
-    position: np.ndarray = field(default_factory=lambda: np.zeros(3))  # x, z, heading
+    position: np.ndarray = field(default_factory=lambda: np.zeros(4))  # x, y, z, heading
     since_s: float = 0.0
     transition_s: float = 0.0
     step_s: float = 0.0
@@ -110,6 +110,7 @@ class Plain:
             inertialization.step_back(new.frames)
         else:
             new.frames, new.fresh = self.frames.copy(), 2
+            new.position[1] = self.position[1]
             new._stand(self._world())
         new._begin(new._ahead(), transition_s)
         return new
@@ -169,16 +170,17 @@ class Plain:
 
     def _walk(self, weights: np.ndarray, start: float, stop: float) -> None:
         state, progress = np.zeros(1, character_state.CHARACTER), np.zeros(1, character_state.PROGRESS)
-        state["x"], state["z"], state["heading"] = self.position
+        state["x"], state["y"], state["z"], state["heading"] = self.position
         progress["start"], progress["stop"] = start, stop
         character_state.walk(np.zeros(1, np.int64), state, weights, self.source.verb.strides, progress)
-        self.position = np.array(state[["x", "z", "heading"]][0].tolist())
+        self.position = np.array(state[["x", "y", "z", "heading"]][0].tolist())
 
     def _display(self, step_s: float, root: np.ndarray, rotations: np.ndarray) -> None:
         """Move a pose into the world, add the transition's offset, and store it; in place."""
-        x, z, heading = self.position
+        x, y, z, heading = self.position
         turn = quat.exp(np.array([0.0, heading, 0.0]))
         across, along = (0.0, 0.0) if self.source.striding else (root[0], root[2])
+        root[1] += y
         root[0] = x + across * math.cos(heading) + along * math.sin(heading)
         root[2] = z - across * math.sin(heading) + along * math.cos(heading)
         rotations[0] = quat.mul(turn, rotations[0])
@@ -210,14 +212,15 @@ class Plain:
 
     def _world(self) -> tuple[float, float, float]:
         last = self.frames[1]
-        turn = self.position[2] if self.source.striding else transition.heading(last[3:7])
+        turn = self.position[3] if self.source.striding else transition.heading(last[3:7])
         return float(last[0]), float(last[2]), float(turn)
 
     def _stand(self, at: tuple[float, float, float]) -> None:
-        self.position = np.zeros(3)
+        self.position = self.position * np.array([0.0, 1.0, 0.0, 0.0])
         first = self._ahead()[0]
         turn = 0.0 if self.source.striding else transition.heading(first[3:7])
-        self.position = np.array(transition.aligned(at, np.array([first[0], first[2], turn])))
+        x, z, heading = transition.aligned(at, np.array([first[0], first[2], turn]))
+        self.position = np.array([x, self.position[1], z, heading])
 
     def _restart(self, step_s: float) -> None:
         self.step_s = step_s

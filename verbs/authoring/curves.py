@@ -14,6 +14,7 @@ from verbs.conventions import F32, F64, MAX_KEYS
 from verbs.errors import IllPosedVerb
 from verbs.kernels import pose as poses
 from verbs.kernels import quat, timewarp
+from verbs.kernels.contacts import IN_PLACE_M
 from verbs.motion import Motion
 
 __all__ = ["CURVE_RATE_HZ", "Curves", "canonical_phases", "fit"]
@@ -68,6 +69,7 @@ def fit(
     intervals: int,
     *,
     looping: bool,
+    climbing: bool,
     root_motion: int,
     rotation_mode: int,
 ) -> Curves:
@@ -83,7 +85,8 @@ def fit(
         Seconds from the start of each file.
     phases : (M,) float64, intervals : int
         Of :func:`canonical_phases`.
-    looping : bool
+    looping, climbing : bool
+        Whether the end of a cycle is the start of the next, and whether that may be higher or lower.
     root_motion, rotation_mode : int
         Numbers of :mod:`verbs.kernels.pose`.
 
@@ -94,13 +97,12 @@ def fit(
     """
     grid = np.arange(intervals + 1) / intervals
     striding = root_motion == poses.STRIDE
-    resample = _stride if striding else _absolute
     resampled, warnings = [], []
     for name, motion, marks in zip(names, motions, keytimes, strict=True):
         times = np.clip(warp(marks, phases, grid, looping=looping), 0.0, motion.duration_s)
-        resampled.append(resample(motion, times))
+        resampled.append(_stride(motion, times, climbing=climbing) if striding else _absolute(motion, times))
         if looping:
-            warnings += _seam(name, motion)
+            warnings += _seam(name, motion, climbing=climbing)
     roots, rotations, strides = (np.array(part) for part in zip(*resampled, strict=True))
     rows, references, more = _rows(rotations, names, motions[0], rotation_mode)
     samples = np.zeros((intervals + 1, len(motions), 4 + rows.shape[2] * 4))
@@ -126,30 +128,48 @@ def _spline(frames: F64, values: F64, times: F64, *, bend: str = "not-a-knot") -
 
 
 def _absolute(motion: Motion, times: F64) -> tuple[F64, F64, F64]:
-    """Root (K + 1, 3), rotations (K + 1, J, 4) and no steps (0, 3) of a motion at ``times`` (K + 1,)."""
+    """Root (K + 1, 3), rotations (K + 1, J, 4) and no steps (0, 4) of a motion at ``times`` (K + 1,)."""
     frames = np.arange(len(motion)) / motion.fps
     rotations = _spline(frames, quat.unroll(motion.rotations), times)
-    return _spline(frames, motion.root, times), quat.normalize(rotations), np.zeros((0, 3))
+    return _spline(frames, motion.root, times), quat.normalize(rotations), np.zeros((0, 4))
 
 
-def _stride(motion: Motion, times: F64) -> tuple[F64, F64, F64]:
-    """Root heights, rotations without heading and steps (K, 3) of one cycle at ``times`` (K + 1,).
+def _stride(motion: Motion, times: F64, *, climbing: bool) -> tuple[F64, F64, F64]:
+    """Root heights, rotations without heading and steps (K, 4) of one cycle at ``times`` (K + 1,).
 
     The heading rotates at the cycle's mean rate; steps are taken in the frame of the heading halfway through them.
+    Where the cycle climbs, heights are those above the ground, which rises along the path.
     """
     frames = np.arange(len(motion)) / motion.fps
     rotations = quat.unroll(motion.rotations)
     rate = _heading_change(rotations[:, 0]) / frames[-1]
     rotations[:, 0] = quat.mul(_about_vertical(-rate * frames), rotations[:, 0])
-    rotations, height = _closed(rotations), _closed(motion.root[:, 1])
+    rotations, root = _closed(rotations), np.zeros((len(times), 3))
     heading = rate * times
     mid = 0.5 * (heading[1:] + heading[:-1])
     x, z = np.diff(_spline(frames, motion.root[:, [0, 2]], times), axis=0).T
     steps = [x * np.cos(mid) - z * np.sin(mid), x * np.sin(mid) + z * np.cos(mid), np.diff(heading)]
-    root = np.zeros((len(times), 3))
-    root[:, 1] = _spline(frames, height, times, bend="periodic")
+    if climbing:
+        root[:, 1] = _spline(frames, motion.root[:, 1], times)
+        steps.append(_rises(np.stack(steps[:2], axis=-1), np.diff(times), float(root[-1, 1] - root[0, 1])))
+        root[1:, 1] -= np.cumsum(steps[3])
+    else:
+        root[:, 1] = _spline(frames, _closed(motion.root[:, 1]), times, bend="periodic")
+        steps.append(np.zeros(len(x)))
     rotations = quat.normalize(_spline(frames, rotations, times, bend="periodic"))
     return root, rotations, np.stack(steps, axis=-1)
+
+
+def _rises(planar: F64, seconds: F64, rise_m: float) -> F64:
+    """Rise (K,) of each step of a cycle: that of an inclined plane under planar steps (K, 2), sideways and forward.
+
+    A cycle that goes nowhere rises evenly in time.
+    """
+    whole = planar.sum(axis=0)
+    square = float(whole @ whole)
+    if square < IN_PLACE_M**2:
+        return np.asarray(rise_m * seconds / seconds.sum())
+    return np.asarray(rise_m * (planar @ whole) / square)
 
 
 def _heading_change(rotations: F64) -> float:
@@ -178,13 +198,13 @@ def _closed(cycle: F64) -> F64:
     return np.asarray(closed)
 
 
-def _seam(name: str, motion: Motion) -> list[str]:
+def _seam(name: str, motion: Motion, *, climbing: bool) -> list[str]:
     """Warning where a cycle does not close: its last frame should be the first, moved and rotated."""
     back = _about_vertical(np.array([-_heading_change(quat.unroll(motion.rotations[:, 0]))]))[0]
     last = motion.rotations[-1].copy()
     last[0] = quat.mul(back, last[0])
     gaps = np.linalg.norm(quat.log(quat.mul(quat.conjugate(motion.rotations[0]), last)), axis=-1)
-    joint, drop = int(np.argmax(gaps)), motion.root[-1, 1] - motion.root[0, 1]
+    joint, drop = int(np.argmax(gaps)), 0.0 if climbing else motion.root[-1, 1] - motion.root[0, 1]
     if gaps[joint] < np.radians(2.0) and abs(drop) < 0.01:
         return []
     return [

@@ -111,6 +111,7 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
         phases,
         intervals,
         looping=source.looping,
+        climbing=source.climbing,
         root_motion=root_motion,
         rotation_mode=mode,
     )

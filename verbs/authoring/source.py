@@ -27,8 +27,8 @@ MAX_TOML_BYTES = 4 * 1024 * 1024
 ROTATIONS = ("quaternion", "rotation_vector")
 
 _KEYS = {
-    "name", "description", "looping", "root", "effector", "effector_keytime_index", "measure", "keytime_names",
-    "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
+    "name", "description", "looping", "climbing", "root", "effector", "effector_keytime_index", "measure",
+    "keytime_names", "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
     "contact", "contacts",
 }  # fmt: skip
 
@@ -84,6 +84,7 @@ class Source:
     name: str
     description: str
     looping: bool
+    climbing: bool
     root: str | None
     effector: str | None
     effector_keytime: int
@@ -159,12 +160,16 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
             path, f"effector_keytime_index is {effector_keytime}; the keytimes are 0 to {len(keytime_names) - 1}"
         )
     looping = reader.flag(table, "looping", default=False)
+    climbing = reader.flag(table, "climbing", default=False)
+    if climbing and not looping:
+        raise SourceError(path, "climbing is for looping verbs: the root of others keeps its height anyway")
     has_contacts, contacts = read_contacts(path, table, [example.name for example in examples], looping=looping)
     return Source(
         path=path,
         name=name,
         description=reader.text(table, "description", default=""),
         looping=looping,
+        climbing=climbing,
         root=reader.text(table, "root", default="") or None,
         effector=reader.text(table, "effector", default="") or None,
         effector_keytime=effector_keytime,

@@ -18,6 +18,7 @@ import numpy as np
 from safetensors.numpy import save as serialize
 
 from verbs.contacts import Contacts
+from verbs.conventions import F64
 from verbs.errors import ArtifactCorrupt, ArtifactError, ArtifactVersionError, VerbError
 from verbs.kernels import measure as measures
 from verbs.skeleton import Skeleton
@@ -160,11 +161,13 @@ def _arrays(verb: Verb) -> Arrays:
         "skeleton.parents": skeleton.parents,
         "skeleton.tip_offsets": skeleton.tip_offsets,
         "skeleton.tip_parents": skeleton.tip_parents,
-        "strides": verb.strides,
+        "strides": verb.strides[:, :, :3],
         "values": verb.values,
         "domain.facets": verb.domain.facets,
         "domain.middle": verb.domain.middle,
     }
+    if verb.strides[:, :, 3].any():
+        arrays["rises"] = verb.strides[:, :, 3]
     arrays |= _chart_arrays("domain", verb.domain.chart)
     for name, basis in verb.bases.items():
         prefix = f"bases.{name}"
@@ -254,6 +257,13 @@ def _basis(arrays: Arrays, name: str, facts: dict[str, Any]) -> Basis:
     )
 
 
+def _strides(arrays: Arrays) -> F64:
+    """Steps (K, N, 4) of planar steps (K, N, 3) and rises (K, N), which are stored where a verb climbs."""
+    planar = arrays["strides"]
+    rises = arrays.get("rises", np.zeros(planar.shape[:2]))
+    return np.concatenate([planar, rises[:, :, None]], axis=2)
+
+
 def _contacts(arrays: Arrays) -> Contacts | None:
     if not any(name.startswith("contacts.") for name in arrays):
         return None
@@ -295,7 +305,7 @@ def _verb(arrays: Arrays, facts: dict[str, Any]) -> Verb:
         references=arrays["references"],
         rotation_mode=facts["rotation_mode"],
         root_motion=facts["root_motion"],
-        strides=arrays["strides"],
+        strides=_strides(arrays),
         measure=measure,
         domain=domain,
         bases={name: _basis(arrays, name, row) for name, row in facts["bases"].items()},

@@ -39,7 +39,7 @@ __all__ = [
 Records = npt.NDArray[np.void]
 Flags = npt.NDArray[np.bool_]
 
-SHOWN = (("weights", "i8"), ("phase", "f8"), ("x", "f8"), ("z", "f8"), ("heading", "f8"))
+SHOWN = (("weights", "i8"), ("phase", "f8"), ("x", "f8"), ("y", "f8"), ("z", "f8"), ("heading", "f8"))
 """What a frame without offsets is computed from: row of its weights, phase, position."""
 
 CHARACTER = np.dtype(
@@ -53,7 +53,8 @@ CHARACTER = np.dtype(
         ("decay", "f8"),  # of the distance to the goal, 1/s; 0 follows at once
         ("following", "f8"),  # whether a paused pose follows its goal
         ("share", "f8"),  # how far it does, 0 to 1
-        ("x", "f8"),  # position of the root on the ground, metres
+        ("x", "f8"),  # position of the root on the ground, and height of the ground there, metres
+        ("y", "f8"),
         ("z", "f8"),
         ("heading", "f8"),  # rad
         ("since_s", "f8"),  # since the transition began
@@ -244,7 +245,7 @@ def advance(
     state, weights, keytimes, slopes = crowd.state, crowd.weights, crowd.keytimes, crowd.slopes
     errors, clamps = crowd.error, crowd.clamped
     progress, error, clamped, in_transition, completes, rests = frame
-    gone = np.empty(3)
+    gone = np.empty(4)
     complete, rest, over = 0, 0, 0
     for b in range(slots.shape[0]):
         s = slots[b]
@@ -271,12 +272,12 @@ def advance(
 def displayed(step_s: float, row: Any) -> None:
     """Store what the frame of this step is computed from; a character that appears does not move."""
     row["weights_2"], row["phase_2"] = row["weights_1"], row["phase_1"]
-    row["x_2"], row["z_2"], row["heading_2"] = row["x_1"], row["z_1"], row["heading_1"]
+    row["x_2"], row["y_2"], row["z_2"], row["heading_2"] = row["x_1"], row["y_1"], row["z_1"], row["heading_1"]
     row["weights_1"], row["phase_1"] = row["weights"], row["phase"]
-    row["x_1"], row["z_1"], row["heading_1"] = row["x"], row["z"], row["heading"]
+    row["x_1"], row["y_1"], row["z_1"], row["heading_1"] = row["x"], row["y"], row["z"], row["heading"]
     if row["fresh"] == 1.0:
         row["weights_2"], row["phase_2"] = row["weights"], row["phase"]
-        row["x_2"], row["z_2"], row["heading_2"] = row["x"], row["z"], row["heading"]
+        row["x_2"], row["y_2"], row["z_2"], row["heading_2"] = row["x"], row["y"], row["z"], row["heading"]
     row["step_s"], row["fresh"] = step_s, 0.0
 
 
@@ -317,14 +318,14 @@ def _advance(step_s: float, row: Any, phases: F64, keytimes: F64, slopes: F64, l
 @kernel
 def walk(slots: I64, state: Records, weights: F64, strides: F64, progress: Records) -> None:
     """Move the roots of a striding verb as far as :func:`advance` went, backwards too, at weights (B, N)."""
-    gone = np.empty(3)
+    gone = np.empty(4)
     for b in range(slots.shape[0]):
         _walk(state[slots[b]], weights[b], strides, progress[b]["start"], progress[b]["stop"], gone)
 
 
 @kernel
 def _walk(row: Any, weights: F64, strides: F64, start: float, stop: float, gone: F64) -> None:
-    """Move one root from a phase to another; ``gone`` (3,) is scratch."""
+    """Move one root from a phase to another; ``gone`` (4,) is scratch."""
     if abs(stop - start) < 2e-9:
         return
     low, high = min(start, stop), max(start, stop)
@@ -334,8 +335,10 @@ def _walk(row: Any, weights: F64, strides: F64, start: float, stop: float, gone:
     if stop < start:  # backwards: the inverse of the steps from there to here
         cosine, sine = np.cos(gone[2]), np.sin(gone[2])
         x, z = gone[0], gone[1]
-        gone[0], gone[1], gone[2] = -(x * cosine - z * sine), -(x * sine + z * cosine), -gone[2]
+        gone[0], gone[1] = -(x * cosine - z * sine), -(x * sine + z * cosine)
+        gone[2], gone[3] = -gone[2], -gone[3]
     cosine, sine = np.cos(row["heading"]), np.sin(row["heading"])
     row["x"] += gone[0] * cosine + gone[1] * sine
+    row["y"] += gone[3]
     row["z"] += -gone[0] * sine + gone[1] * cosine
     row["heading"] = (row["heading"] + gone[2] + np.pi) % (2.0 * np.pi) - np.pi

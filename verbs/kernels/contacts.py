@@ -7,7 +7,10 @@ import numpy as np
 from verbs.conventions import F32, F64
 from verbs.kernels.compile import kernel
 
-__all__ = ["contact", "heights"]
+__all__ = ["IN_PLACE_M", "contact", "gradient", "heights"]
+
+IN_PLACE_M = 0.05
+"""A cycle that travels less than this has no direction in which its ground could rise, metres."""
 
 
 @kernel
@@ -40,10 +43,38 @@ def contact(weights: F64, phases: F64, values: F32, looping: bool, out: F64) -> 
 
 @kernel
 def heights(weights: F64, examples: F64, out: F64) -> None:
-    """Height (B, P) of standing points of blends: Σ wᵢ of those of the examples (N, P), metres."""
+    """Height (B, P) of standing points of blends above their ground: Σ wᵢ of those of the examples (N, P), metres."""
     for b in range(weights.shape[0]):
         for p in range(examples.shape[1]):
             total = 0.0
             for i in range(weights.shape[1]):
                 total += weights[b, i] * examples[i, p]
             out[b, p] = total
+
+
+@kernel
+def gradient(weights: F64, strides: F64, out: F64) -> None:
+    """Gradient (B, 2) of the ground of blends: its rise per metre to the side and per metre ahead.
+
+    The rise of a cycle over its displacement, in the frame of the heading; zero where a cycle stays in place. At a
+    character whose ground has the height y below its root, the ground is a plane: a point that lies d (2,) beside and
+    before the root is over ground of the height y + gradient · d.
+
+    Parameters
+    ----------
+    weights : (B, N) float64
+    strides : (K, N, 4) float64
+        Steps of the examples, see :func:`verbs.kernels.pose.stride_to`.
+    out : (B, 2) float64
+        Written.
+    """
+    for b in range(weights.shape[0]):
+        across, ahead, rise = 0.0, 0.0, 0.0
+        for k in range(strides.shape[0]):
+            for i in range(weights.shape[1]):
+                across += weights[b, i] * strides[k, i, 0]
+                ahead += weights[b, i] * strides[k, i, 1]
+                rise += weights[b, i] * strides[k, i, 3]
+        square = across * across + ahead * ahead
+        steep = rise / square if square > IN_PLACE_M * IN_PLACE_M else 0.0
+        out[b, 0], out[b, 1] = steep * across, steep * ahead

@@ -21,7 +21,7 @@ __all__ = ["correct_velocities", "velocity_jacobian"]
 def velocity_jacobian(weights: F64, strides: F64, clock: Clock, point: F64, jacobian: F64) -> None:
     """Forward speed, turn rate, sideways speed (3,) over a cycle and their Jacobian (3, N) in weights (N,).
 
-    This lays out the strides (K, N, 3) at each call; :func:`correct_velocities` does that once for many.
+    This lays out the strides (K, N, 4) at each call; :func:`correct_velocities` does that once for many.
     """
     cycle = root_velocity.cycle_of(strides, clock)
     rows, turns, (phases, log_lengths, _) = cycle

@@ -134,16 +134,17 @@ def _unwrap(vector: F64, near: F64) -> None:
 
 @kernel
 def place(
-    x: float, z: float, heading: float, striding: bool, root: F64, rotation: F64, scratch: tuple[F64, F64]
+    at: tuple[float, float, float], heading: float, striding: bool, root: F64, rotation: F64, scratch: tuple[F64, F64]
 ) -> None:
     """Move a root (3,), (4,) to a position in the world, which is all of its travel where it strides.
 
-    ``scratch`` are two arrays (4,).
+    ``at`` is x, y (the height of the ground) and z. ``scratch`` are two arrays (4,).
     """
     turn, local = scratch
     cosine, sine = np.cos(heading), np.sin(heading)
     across, along = (0.0, 0.0) if striding else (root[0], root[2])
-    root[0], root[2] = x + across * cosine + along * sine, z - across * sine + along * cosine
+    root[0], root[2] = at[0] + across * cosine + along * sine, at[2] - across * sine + along * cosine
+    root[1] += at[1]
     turn[0], turn[1], turn[2], turn[3] = 0.0, np.sin(0.5 * heading), 0.0, np.cos(0.5 * heading)
     local[:] = rotation
     multiply(turn, local, rotation)
@@ -160,7 +161,7 @@ def place_row(state: Any, striding: bool, row: F32) -> None:
         a, b, c, d = np.float64(row[4]), np.float64(row[5]), np.float64(row[6]), np.float64(row[7])
         row[4], row[5] = cosine * a + sine * c, cosine * b + sine * d
         row[6], row[7] = cosine * c - sine * a, cosine * d - sine * b
-    row[0], row[2] = state["x"] + x, state["z"] + z
+    row[0], row[1], row[2] = state["x"] + x, state["y"] + row[1], state["z"] + z
 
 
 @kernel
@@ -187,7 +188,7 @@ def apply(
         row = state[slots[b]]
         s = row["held"]
         row["calm"] = row["calm"] + 1 if row["share"] == 0.0 else 0
-        place(row["x"], row["z"], row["heading"], striding, root[b], rotations[b, 0], (rotation, local))
+        place((row["x"], row["y"], row["z"]), row["heading"], striding, root[b], rotations[b, 0], (rotation, local))
         if row["transition_s"] > 0.0:
             _decay(step_s, row, offsets[s], rotation, local, root[b], rotations[b])
             if row["transition_s"] > 0.0:
@@ -219,7 +220,7 @@ def poses(slots: I64, chosen: I64, crowd: Crowd, curves: Curves, striding: bool,
     scratch = np.zeros(4), np.empty(4)
     for c in range(size):
         row, b = state[slots[chosen[c]]], chosen[c]
-        place(row["x"], row["z"], row["heading"], striding, roots[c], turns[c, 0], scratch)
+        place((row["x"], row["y"], row["z"]), row["heading"], striding, roots[c], turns[c, 0], scratch)
         root[b], rotations[b] = roots[c], turns[c]
 
 
@@ -237,14 +238,14 @@ def redisplay(slots: I64, crowd: Crowd, curves: Curves, striding: bool, frames: 
         for k in range(2):
             if k == 1:
                 which, phase = one["weights_1"], one["phase_1"]
-                x, z, heading = one["x_1"], one["z_1"], one["heading_1"]
+                at, heading = (one["x_1"], one["y_1"], one["z_1"]), one["heading_1"]
             else:
                 which, phase = one["weights_2"], one["phase_2"]
-                x, z, heading = one["x_2"], one["z_2"], one["heading_2"]
+                at, heading = (one["x_2"], one["y_2"], one["z_2"]), one["heading_2"]
             where[0] = share(weights[s, which], phase, intervals, taps, shares[0])
             sums(shares, where, rows, row)
             finish_double(row[0], mode, references, root, rotations)
-            place(x, z, heading, striding, root, rotations[0], scratch)
+            place(at, heading, striding, root, rotations[0], scratch)
             frames[b, k, :3] = root
             frames[b, k, 3:] = rotations.reshape(rotations.size)
 

@@ -58,7 +58,7 @@ class Problem(NamedTuple):
         Rotation rows of all chains, one after another.
     references : (L, 4) float64
     offsets : (L, 3) float64
-    strides : (K, N, 3) float64
+    strides : (K, N, 4) float64
     clock : Clock
     values : (V, N) float64
         Values of the examples whose means are required: adverbs that are not measured, and the displacement of a jump.

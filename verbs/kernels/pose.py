@@ -121,15 +121,16 @@ def global_rotations(rotations: Any, parents: I64, out: F64) -> None:
 
 
 @kernel
-def _step(weights: F64, strides: F64, k: int) -> tuple[float, float, float]:
-    """Blended step of interval k, which wraps around: sideways, forward (m), turn (rad)."""
+def _step(weights: F64, strides: F64, k: int) -> tuple[float, float, float, float]:
+    """Blended step of interval k, which wraps around: sideways, forward (m), turn (rad), rise (m)."""
     row = k % strides.shape[0]
-    side, ahead, turn = 0.0, 0.0, 0.0
+    side, ahead, turn, rise = 0.0, 0.0, 0.0, 0.0
     for i in range(weights.shape[0]):
         side += weights[i] * strides[row, i, 0]
         ahead += weights[i] * strides[row, i, 1]
         turn += weights[i] * strides[row, i, 2]
-    return side, ahead, turn
+        rise += weights[i] * strides[row, i, 3]
+    return side, ahead, turn, rise
 
 
 @kernel
@@ -141,22 +142,23 @@ def _part(u: float, step: float, before: float, after: float) -> float:
 
 
 @kernel
-def _advance(location: F64, side: float, ahead: float, turn: float) -> None:
-    """Move a location (x, z, heading) by a step in the frame of its heading half way."""
+def _advance(location: F64, side: float, ahead: float, turn: float, rise: float) -> None:
+    """Move a location (x, z, heading, height) by a step in the frame of its heading half way."""
     middle = location[2] + 0.5 * turn
     cosine, sine = np.cos(middle), np.sin(middle)
     location[0] += side * cosine + ahead * sine
     location[1] += ahead * cosine - side * sine
     location[2] += turn
+    location[3] += rise
 
 
 @kernel
 def stride_to(weights: F64, strides: F64, start: float, end: float, looping: bool, location: F64) -> None:
     """Walk one character from phase ``start`` to phase ``end`` ≥ start (both unwrapped: 1.5 is mid second cycle).
 
-    ``strides`` (K, N, 3) are the examples' steps per interval in the frame of their own heading: sideways, forward,
-    turn. ``location`` (3,) is x, z and heading, and is moved. Steps are joined by a cubic whose ends share their
-    neighbours' mean speed, so that position and velocity are continuous, across the seam of a loop too.
+    ``strides`` (K, N, 4) are the examples' steps per interval in the frame of their own heading: sideways, forward,
+    turn, rise. ``location`` (4,) is x, z, heading and height, and is moved. Steps are joined by a cubic whose ends
+    share their neighbours' mean speed, so that position and velocity are continuous, across the seam of a loop too.
     """
     intervals = strides.shape[0]
     at, stop = start * intervals, end * intervals
@@ -174,6 +176,7 @@ def stride_to(weights: F64, strides: F64, start: float, end: float, looping: boo
             _part(v, step[0], before[0], after[0]) - _part(u, step[0], before[0], after[0]),
             _part(v, step[1], before[1], after[1]) - _part(u, step[1], before[1], after[1]),
             _part(v, step[2], before[2], after[2]) - _part(u, step[2], before[2], after[2]),
+            _part(v, step[3], before[3], after[3]) - _part(u, step[3], before[3], after[3]),
         )
         before, step = step, after
         at = upto
@@ -182,7 +185,7 @@ def stride_to(weights: F64, strides: F64, start: float, end: float, looping: boo
 
 @kernel
 def _walk_cycles(weights: F64, strides: F64, cycles: int, once: F64, location: F64) -> None:
-    """Walk whole cycles from the origin; all have the displacement of the first, ``once`` (3,), which is scratch."""
+    """Walk whole cycles from the origin; all have the displacement of the first, ``once`` (4,), which is scratch."""
     once[:] = 0.0
     stride_to(weights, strides, 0.0, 1.0, True, once)
     for _ in range(cycles):
@@ -190,16 +193,18 @@ def _walk_cycles(weights: F64, strides: F64, cycles: int, once: F64, location: F
         location[0] += once[0] * cosine + once[1] * sine
         location[1] += -once[0] * sine + once[1] * cosine
         location[2] += once[2]
+        location[3] += once[3]
 
 
 @kernel
 def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: bool, root: F64, rotations: F64) -> None:
     """Move poses of a striding verb in the world: each from phase 0, or, in ``one_walk``, from the previous one.
 
-    ``phases`` (B,) are unwrapped, and rise in one walk. ``root`` (B, 3) has heights; x and z are written.
-    ``rotations`` (B, J, 4) have root rotations without heading; the heading is multiplied from the left.
+    ``phases`` (B,) are unwrapped, and rise in one walk. ``root`` (B, 3) has heights above the ground, to which the
+    rise is added; x and z are written. ``rotations`` (B, J, 4) have root rotations without heading; the heading is
+    multiplied from the left.
     """
-    location, once, heading, local = np.empty(3), np.empty(3), np.zeros(4), np.empty(4)
+    location, once, heading, local = np.empty(4), np.empty(4), np.zeros(4), np.empty(4)
     for b in range(weights.shape[0]):
         start = 0.0
         if one_walk and b > 0:
@@ -211,6 +216,7 @@ def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: boo
                 _walk_cycles(weights[b], strides, int(start), once, location)
         stride_to(weights[b], strides, start, phases[b], looping, location)
         root[b, 0], root[b, 2] = location[0], location[1]
+        root[b, 1] += location[3]
         heading[1], heading[3] = np.sin(0.5 * location[2]), np.cos(0.5 * location[2])
         local[:] = rotations[b, 0]
         multiply(heading, local, rotations[b, 0])

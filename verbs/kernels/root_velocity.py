@@ -80,7 +80,7 @@ def _whole(count: int, unit: int) -> int:
 
 @kernel
 def cycle_of(strides: F64, clock: Clock) -> Cycle:
-    """Lay out the strides (K, N, 3) of a loop: sideways, forward (m), turn (rad), in the frame of their own heading."""
+    """Lay out the strides (K, N, 4) of a loop: see :func:`verbs.kernels.pose.stride_to`; rises do not count."""
     steps, count = strides.shape[0], strides.shape[1]
     group, turns = _whole(count, GROUP), np.empty(count)
     rows = np.zeros((2 * group + _whole(count + 2 * clock.phases.shape[0] - 2, GROUP), _whole(steps, LANES)))

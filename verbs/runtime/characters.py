@@ -275,7 +275,7 @@ class Characters(CharacterPool):
         row = self.state[new]
         kept = ["decay", "step_s"]
         if same:
-            kept += ["looping", "share", "x", "z", "heading"]
+            kept += ["looping", "share", "x", "y", "z", "heading"]
             self._steer_as(new, other, slot)
         for name in kept:
             row[name] = was[name]
@@ -287,6 +287,7 @@ class Characters(CharacterPool):
             inertialization.step_back(last[0])
         else:
             last, row["fresh"] = other._displayed(np.array([slot])), 2.0
+            row["y"] = was["y"]
             self._stand(new, other.world(slot))
         self._hold(np.array([new]), last)
         self._begin(new, self._ahead(np.array([new]))[0], transition_s)

@@ -128,7 +128,7 @@ def advanced(phase, *, speed=1.0, loop=0.0, looping=False, steps=(0.1,), fresh=0
     for step_s in steps:
         flags, which = np.zeros((2, 1), np.bool_), np.zeros((2, 1), np.int64)
         frame = Advanced(np.zeros(1, character_state.PROGRESS), np.zeros(1), *flags, *which)
-        character_state.advance(slot, step_s, crowd, clock, np.zeros((0, 1, 3)), NO_WINDOW, frame)
+        character_state.advance(slot, step_s, crowd, clock, np.zeros((0, 1, 4)), NO_WINDOW, frame)
         state["fresh"][0] = 0.0
         rows.append(frame.progress[0])
     return np.array(rows), state[0]
@@ -195,16 +195,16 @@ def walked(state, start, stop, weights, strides):
     progress = np.zeros(1, character_state.PROGRESS)
     progress["start"], progress["stop"] = start, stop
     character_state.walk(np.zeros(1, np.int64), state, weights, strides, progress)
-    return np.array(state[["x", "z", "heading"]][0].tolist())
+    return np.array(state[["x", "y", "z", "heading"]][0].tolist())
 
 
 def test_walking_back_undoes_walking_forward():
     rng = np.random.default_rng(1)
-    strides, weights = rng.normal(size=(9, 2, 3)) * 0.2, np.array([[0.7, 0.3]])
+    strides, weights = rng.normal(size=(9, 2, 4)) * 0.2, np.array([[0.7, 0.3]])
     state = np.zeros(1, character_state.CHARACTER)
-    state["x"], state["z"], state["heading"] = 1.0, 2.0, 3.0
+    state["x"], state["y"], state["z"], state["heading"] = 1.0, 4.0, 2.0, 3.0
     marks = [0.0, 0.05, 0.31, 0.99, 1.02, 2.7]
-    seen = [np.array([1.0, 2.0, 3.0])]
+    seen = [np.array([1.0, 4.0, 2.0, 3.0])]
     seen += [walked(state, start, stop, weights, strides) for start, stop in itertools.pairwise(marks)]
     for k in range(len(marks) - 1, 0, -1):
         cycle = np.floor(marks[k])

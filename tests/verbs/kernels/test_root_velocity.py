@@ -15,9 +15,9 @@ LOOPS = [
 
 
 def loop(steps, count, phases, *, turn=0.02, seed=0):
-    """Strides (K, N, 3), keytimes' phases and logarithms of segment lengths; examples turn by as much as 3·K·turn."""
+    """Strides (K, N, 4), keytimes' phases and logarithms of segment lengths; examples turn by as much as 3·K·turn."""
     rng = np.random.default_rng(seed)
-    strides = rng.normal(size=(steps, count, 3)) * (0.01, 0.01, turn) + (0.0, 0.01, turn)
+    strides = rng.normal(size=(steps, count, 4)) * (0.01, 0.01, turn, 0.01) + (0.0, 0.01, turn, 0.003)
     lengths = rng.uniform(0.2, 0.8, size=(count, len(phases) - 1))
     return strides, np.array(phases), np.log(lengths)
 
@@ -37,7 +37,7 @@ def speeds_as_defined(weights, strides, phases, log_lengths):
     times = [timewarp.time_at(phases, keytimes, tangents, k / len(steps)) for k in range(len(steps) + 1)]
     rate = steps[:, 2].sum() / keytimes[-1]
     heading, total = 0.0, 0.0j
-    for k, (side, ahead, turn) in enumerate(steps):
+    for k, (side, ahead, turn, _) in enumerate(steps):
         angle = heading + 0.5 * turn - rate * 0.5 * (times[k] + times[k + 1])
         total += complex(ahead, side) * np.exp(1j * angle)
         heading += turn
@@ -81,18 +81,19 @@ def test_sines_are_exact_at_any_angle():
 
 def walked_as_defined(weights, strides, keys):
     """Place after whole intervals of a loop: at each its blended step, in the frame of its heading half way."""
-    place, heading = 0.0j, 0.0
-    for side, ahead, turn in np.einsum("i,kia->ka", weights, strides)[np.arange(keys) % len(strides)]:
+    place, heading, height = 0.0j, 0.0, 0.0
+    for side, ahead, turn, rise in np.einsum("i,kia->ka", weights, strides)[np.arange(keys) % len(strides)]:
         place += complex(ahead, side) * np.exp(1j * (heading + 0.5 * turn))
         heading += turn
-    return np.array([place.imag, place.real, heading])
+        height += rise
+    return np.array([place.imag, place.real, heading, height])
 
 
 def test_walking_whole_intervals_adds_the_blended_steps():
     strides, _, _ = loop(*LOOPS[0])
     for weights in blends(19, 3):
         for keys in (0, 1, 219, 220, 500):
-            place = np.zeros(3)
+            place = np.zeros(4)
             stride_to(weights, strides, 0.0, keys / 220, True, place)
             np.testing.assert_allclose(place, walked_as_defined(weights, strides, keys), atol=1e-11)
 
@@ -100,7 +101,7 @@ def test_walking_whole_intervals_adds_the_blended_steps():
 @pytest.mark.parametrize("looping", [True, False])
 def test_walking_from_key_to_key_equals_walking_at_once(looping):
     strides, _, _ = loop(*LOOPS[2])
-    weights, parts, whole = blends(5, 1)[0], np.zeros(3), np.zeros(3)
+    weights, parts, whole = blends(5, 1)[0], np.zeros(4), np.zeros(4)
     for k in range(33):
         stride_to(weights, strides, k / 33, (k + 1) / 33, looping, parts)
     stride_to(weights, strides, 0.0, 1.0, looping, whole)

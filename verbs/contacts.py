@@ -41,7 +41,8 @@ class Contacts:
     offsets : (P, 3) float64
         Position of each point in the frame of its joint, metres.
     heights : (N, P) float64
-        Height of each point while it stands, metres: the ground, and the thickness of the sole.
+        Height of each point while it stands, metres: the ground, and the thickness of the sole. In a verb that climbs,
+        it is measured from the example's inclined plane (:func:`verbs.kernels.contacts.gradient`), along its normal.
     values : (K + 1, N, P) float32
         Contact at canonical time k / K: 1 while the point stands, 0 while it does not, with smooth ramps that are 1/2
         where an interval begins or ends.

@@ -18,6 +18,7 @@ from verbs.conventions import F32, F64, I64
 from verbs.errors import UnknownName
 from verbs.kernels import quat
 from verbs.runtime.evaluate import Evaluator
+from verbs.runtime.ground import from_ground
 from verbs.runtime.whole_motion import MIDDLE, RATE_HZ, examples, sampled_rotations
 from verbs.verb import Verb
 
@@ -93,15 +94,19 @@ class Clip:
 
 
 def clips(evaluator: Evaluator) -> list[Clip]:
-    """Examples of a verb, sampled."""
-    return [Clip(*sampled_rotations(evaluator, blend)) for blend in examples(evaluator)]
+    """Examples of a verb, sampled, and rotated so that their ground is level."""
+    found = []
+    for blend in examples(evaluator):
+        phases, rotations, positions = sampled_rotations(evaluator, blend)
+        found.append(Clip(phases, *from_ground(evaluator, blend, phases, rotations, positions)))
+    return found
 
 
 def find(verb: Verb, stated: Sequence[Stated] = ()) -> Contacts | None:
     """Contacts of a verb's examples; None where its skeleton has no feet and none are stated.
 
-    Heights, speeds and durations are those of this module. The ground of a verb is level; its height is where feet
-    stand, in each example of its own.
+    Heights, speeds and durations are those of this module. The ground of a verb is level, or the inclined plane
+    along which its examples climb; its height is where feet stand, in each example of its own.
 
     Parameters
     ----------

@@ -19,6 +19,7 @@ from verbs.domain import random_points
 from verbs.kernels import contacts as kernels
 from verbs.kernels.compile import direct
 from verbs.runtime.evaluate import Blend, Evaluator
+from verbs.runtime.ground import from_ground
 from verbs.runtime.whole_motion import MIDDLE, RATE_HZ, examples, one_of, sampled, sampled_rotations
 from verbs.verb import Verb
 
@@ -118,6 +119,7 @@ def _summary(evaluator: Evaluator, found: Contacts, blends: list[Blend]) -> Slid
 def _of_motion(evaluator: Evaluator, found: Contacts, blend: Blend) -> tuple[F64, float]:
     """Slide (S,) of every stance of a motion, and the largest depth, metres."""
     phases, rotations, positions = sampled_rotations(evaluator, blend)
+    rotations, positions = from_ground(evaluator, blend, phases, rotations, positions)
     looping = evaluator.verb.looping
     weights = np.ascontiguousarray(np.broadcast_to(blend.weights[0], (len(phases), blend.weights.shape[1])))
     share, heights = np.empty((len(phases), len(found))), np.empty((1, len(found)))

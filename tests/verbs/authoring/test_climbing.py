@@ -11,6 +11,7 @@ from verbs.errors import SourceError
 from verbs.io import artifact
 from verbs.kernels import quat
 from verbs.motion import Motion
+from verbs.quality import foot_contact
 from verbs.runtime.characters import Characters
 from verbs.runtime.evaluate import Evaluator
 from verbs.runtime.sequence import sequence
@@ -64,6 +65,19 @@ def test_a_blend_climbs_by_the_mean_and_does_not_move_level_verbs(hill, tmp_path
     flat = built(tmp_path, climbing=False)
     assert not flat.verb.strides[..., 3].any()
     assert len(flat.warnings) == 2, "the cycles of both slopes do not close"
+
+
+def test_contacts_of_a_slope_are_those_of_level_ground(hill):
+    known = hill.contacts
+    for example in (0, 2):
+        np.testing.assert_allclose(known.heights[example], known.heights[1], atol=1e-4)
+        np.testing.assert_allclose(known.values[:, example], known.values[:, 1], atol=1e-6)
+    for one in foot_contact.by_example(Evaluator(hill), known):
+        assert one.stances == 6
+        assert one.max_m < 0.01
+        assert one.penetration_m < 1e-3
+    middle = foot_contact.slides(Evaluator(hill), known, np.array([[1.5]]))
+    assert middle.penetration_m < 0.01, "the ground under a blend is inclined too"
 
 
 def test_an_artifact_keeps_rises_and_one_without_them_is_level(hill, tmp_path):

@@ -44,7 +44,7 @@ def test_02_requests_a_pose(address, capsys):
 
 def test_03_requests_a_crowd(address, capsys):
     run("03_crowd.py", address)
-    assert "1000 poses, rotations (1000, 22, 4)" in capsys.readouterr().out
+    assert "1000 poses, rotations (1000, 28, 4)" in capsys.readouterr().out
 
 
 def test_04_streams_poses(address, capsys):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tools.authoring import __main__ as author
-from tools.authoring import arm3, legs, reach, solver, timing
+from tools.authoring import arm3, hands, legs, reach, solver, timing
 from tools.authoring.humanoid import foot_outline, humanoid, mirror_name, support_gap
 from tools.authoring.source import write
 from verbs import library
@@ -179,6 +179,30 @@ def test_rest_pose_is_symmetric_planted_and_balanced():
     feet = figure.joints("LeftFoot", "RightFoot")
     outline = foot_outline(positions[feet], turns[feet]).reshape(-1, 3)
     assert support_gap(outline, figure.centre_of_mass(positions)) < -0.08
+
+
+@pytest.mark.parametrize("name", hands.SHAPES)
+def test_hands_take_a_shape_alike_on_both_sides_and_relax_again(name):
+    figure = humanoid()
+    rotations = figure.rest.rotations[None]
+    for side in ("Left", "Right"):
+        rotations = hands.shape(figure, rotations, side, name, np.ones(1))
+    poses = draw.points(figure.skeleton, figure.rest.root[None], rotations)[0]
+    names = [*figure.skeleton.names, *(figure.skeleton.names[k] + "Tip" for k in figure.skeleton.tip_parents)]
+    mirrored = poses[[names.index(mirror_name(each)) for each in names]] * [-1.0, 1.0, 1.0]
+    np.testing.assert_allclose(poses, mirrored, atol=1e-8)
+    wrist, knuckle, tip = (poses[names.index(f"RightHand{part}")] for part in ("", "Middle1", "Middle2Tip"))
+    reach_of_hand = np.linalg.norm(tip - wrist) / np.linalg.norm(knuckle - wrist)
+    assert reach_of_hand < 0.7 if name == "fist" else reach_of_hand > 1.3
+    for side in ("Left", "Right"):
+        rotations = hands.shape(figure, rotations, side, "relaxed", np.ones(1))
+    np.testing.assert_allclose(quat.align(rotations[0], figure.rest.rotations), figure.rest.rotations, atol=1e-9)
+
+
+def test_unknown_hand_shape_names_those_that_exist():
+    figure = humanoid()
+    with pytest.raises(UnknownName, match="relaxed, open, flat, pinch, fist"):
+        hands.shape(figure, figure.rest.rotations[None], "Left", "claw", np.ones(1))
 
 
 def test_solver_meets_hard_terms_and_spends_least_effort():

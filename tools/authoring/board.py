@@ -60,7 +60,7 @@ def source(names: Sequence[str] | None = None) -> Source:
             for name, way in (("u", "to the writer's left of the middle"), ("v", "above the middle"))
         ),
         examples=(
-            Example(name, *reach.motion(at, manner, arc(humanoid(), at)))
+            Example(name, *reach.motion(at, manner, arc(humanoid(), at), "pinch"))
             for name, at in ((name, positions[name]) for name in names or positions)
         ),
         decimals=_DECIMALS,

@@ -1,8 +1,9 @@
 """The built-in humanoid: skeleton, masses, joint stiffness and limits, and the rest pose.
 
 1.75 m tall, +Y up, +Z forward, +X left, joints named as most motion files name them. The zero pose is a T-pose with
-the palms down, where every hinge rotates about one axis: elbows about Y, knees about X. Everything is written for the
-right side and mirrored to the left.
+the palms down, where every hinge rotates about one axis: elbows about Y, knees about X, fingers about Z. Each hand has
+one joint for its thumb and a chain of two for its fingers. Everything is written for the right side and mirrored to
+the left.
 
 Sources: segment lengths and masses follow the tables of D. A. Winter, "Biomechanics and Motor Control of Human
 Movement", chapter 4 (fractions of stature and of body mass), rounded; compliances and limits are chosen by hand.
@@ -47,6 +48,9 @@ _RIGHT_ARM = {
     "RightArm": ("RightShoulder", (-0.150, -0.005, -0.025)),
     "RightForeArm": ("RightArm", (-0.295, 0.0, 0.0)),
     "RightHand": ("RightForeArm", (-0.260, 0.0, 0.0)),
+    "RightHandMiddle1": ("RightHand", (-0.088, 0.0, 0.0)),
+    "RightHandMiddle2": ("RightHandMiddle1", (-0.044, 0.0, 0.0)),
+    "RightHandThumb1": ("RightHand", (-0.028, -0.010, 0.026)),
 }
 _RIGHT_LEG = {
     "RightUpLeg": ("Hips", (-0.095, -0.050, 0.0)),
@@ -54,11 +58,17 @@ _RIGHT_LEG = {
     "RightFoot": ("RightLeg", (0.0, -0.425, 0.0)),
     "RightToeBase": ("RightFoot", (0.0, -0.055, 0.135)),
 }
-_TIPS = {"Head": (0.0, 0.170, 0.020), "RightHand": (-0.170, 0.0, 0.0), "RightToeBase": (0.0, 0.0, 0.070)}
+_TIPS = {
+    "Head": (0.0, 0.170, 0.020),
+    "RightHandMiddle2": (-0.042, 0.0, 0.0),
+    "RightHandThumb1": (-0.044, -0.018, 0.036),
+    "RightToeBase": (0.0, 0.0, 0.070),
+}
 
 # joint: stiffness about its own x, y, z (cost of one radian, 0 = locked), then limits about the rest pose, degrees.
 # Lower numbers move first: arms before clavicles, hips and legs before the spine, twists and side bends last.
 _SPINE = ((4.0, 4.0, 8.0), (-3, 28), (-20, 20), (-12, 12))
+_LOCKED = ((0.0, 0.0, 0.0), (0, 0), (0, 0), (0, 0))
 _DOFS: dict[str, tuple[tuple[float, float, float], tuple[int, int], tuple[int, int], tuple[int, int]]] = {
     "Hips": ((2.5, 2.5, 8.0), (-3, 60), (-45, 45), (-15, 15)),
     "Spine": _SPINE,
@@ -70,10 +80,13 @@ _DOFS: dict[str, tuple[tuple[float, float, float], tuple[int, int], tuple[int, i
     "RightArm": ((1.0, 0.35, 0.5), (-60, 60), (-40, 140), (-110, 25)),
     "RightForeArm": ((2.0, 0.35, 0.0), (-60, 60), (-14, 115), (0, 0)),
     "RightHand": ((0.0, 4.0, 4.0), (0, 0), (-20, 20), (-40, 40)),
+    "RightHandMiddle1": _LOCKED,
+    "RightHandMiddle2": _LOCKED,
+    "RightHandThumb1": _LOCKED,
     "RightUpLeg": ((0.3, 2.0, 1.5), (-110, 15), (-30, 30), (-25, 25)),
     "RightLeg": ((0.8, 0.0, 0.0), (-3, 110), (0, 0), (0, 0)),
     "RightFoot": ((0.3, 1.0, 1.0), (-35, 30), (-20, 20), (-20, 20)),
-    "RightToeBase": ((0.0, 0.0, 0.0), (0, 0), (0, 0), (0, 0)),
+    "RightToeBase": _LOCKED,
 }
 
 # joint: rotation vectors from the T-pose, degrees, applied in this order; a first guess that balancing refines.
@@ -85,6 +98,8 @@ _STANDING: dict[str, tuple[tuple[float, float, float], ...]] = {
     "RightArm": ((0.0, 0.0, 80.0), (0.0, -3.0, 0.0), (14.0, 0.0, 0.0)),
     "RightForeArm": ((0.0, 22.0, 0.0),),
     "RightHand": ((0.0, 4.0, 0.0),),
+    "RightHandMiddle1": ((0.0, 0.0, 22.0),),
+    "RightHandMiddle2": ((0.0, 0.0, 26.0),),
     "RightUpLeg": ((-5.0, 0.0, 0.0),),
     "RightLeg": ((8.0, 0.0, 0.0),),
 }

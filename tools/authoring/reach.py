@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tools.authoring import legs, solver, timing
+from tools.authoring import hands, legs, solver, timing
 from tools.authoring.figure import Figure
 from tools.authoring.humanoid import BALANCE_POINT, humanoid
 from tools.authoring.source import Adverb, Example, Source
@@ -148,7 +148,7 @@ def _stoop(goal: F64) -> float:
     return float(0.12 * np.logaddexp(0.0, (_TABLE_M - goal[1]) / 0.12))
 
 
-def motion(target: Floats, how: Manner | None = None, arc: F64 | None = None) -> tuple[Motion, F64]:
+def motion(target: Floats, how: Manner | None = None, arc: F64 | None = None, hand: str = "open") -> tuple[Motion, F64]:
     """Author one reach.
 
     Parameters
@@ -160,6 +160,8 @@ def motion(target: Floats, how: Manner | None = None, arc: F64 | None = None) ->
     arc : (J, 3) float64, optional
         Extra rotation vectors half-way out and back, spread over the whole way; unless given, the elbow folds and
         the hand trails for a while.
+    hand : str
+        Shape of the right hand at the target, one of :data:`hands.SHAPES`.
 
     Returns
     -------
@@ -180,6 +182,8 @@ def motion(target: Floats, how: Manner | None = None, arc: F64 | None = None) ->
     for side in ("Left", "Right"):
         foot = figure.skeleton.index(side + "Foot")
         rotations = legs.plant(figure, root, rotations, side, positions[foot], global_rotations[foot])
+    share = progress[:, figure.skeleton.index("RightHand")]
+    rotations = hands.shape(figure, rotations, "Right", hand, share)
     keytimes = np.array([0, out, out + back]) / FPS
     return Motion(figure.skeleton, FPS, root, quat.unroll(rotations)), keytimes
 

@@ -19,6 +19,9 @@ _RADII = {
     "UpLeg": (0.080, 0.084),
     "Leg": (0.084, 0.056),
     "Hand": (0.043, 0.032),
+    "Middle1": (0.034, 0.033),
+    "Middle2": (0.031, 0.026),
+    "Thumb1": (0.020, 0.020),
     "ForeArm": (0.054, 0.043),
     "Arm": (0.058, 0.058),
     "Shoulder": (0.080, 0.060),
@@ -30,8 +33,13 @@ _RADII = {
     "Spine1": (0.100, 0.112),
     "Spine2": (0.112, 0.115),
 }
-_TIP_RADII = {"Hand": (0.037, 0.027), "ToeBase": (0.036, 0.027)}
-_TIP_SHARE = {"Hand": 0.72}  # the rest of the way to a tip is inside the rounded end
+_TIP_RADII = {
+    "Hand": (0.037, 0.027),
+    "Middle2": (0.026, 0.020),
+    "Thumb1": (0.019, 0.014),
+    "ToeBase": (0.036, 0.027),
+}
+_TIP_SHARE = {"Hand": 0.72, "Middle2": 0.8}  # the rest of the way to a tip is inside the rounded end
 _TRUNK = ("Spine1", "Spine2", "Neck", "Neck1", "Head", "Shoulder", "Arm")
 _CHEST = ("LeftArm", "RightArm", "Spine2", "Spine1")
 _WAIST = ("Spine1", "Spine", "Hips")

@@ -62,7 +62,7 @@ class Characters(CharacterPool):
     >>> anna = people.add({"x": -0.3, "y": 1.2, "z": 0.5})
     >>> frames = people.step(np.array([anna]), 1 / 60)
     >>> frames.root.shape, frames.rotations.shape
-    ((1, 3), (1, 22, 4))
+    ((1, 3), (1, 28, 4))
     """
 
     def __init__(self, evaluator: Evaluator, method: str | None = None) -> None:

@@ -299,12 +299,38 @@ function toe(b: Build, joint: number): Part[] {
   return [{ form: "loft", joint, tone: "body", stations, side: square(a.left, ahead), boxy: 2.5 }];
 }
 
+/** Joint of the hand that a finger's joint belongs to. */
+function handOf(a: Anatomy, joint: number): number {
+  const parent = a.parents[joint] ?? -1;
+  return a.regions[parent] === "finger" ? handOf(a, parent) : parent;
+}
+
+/** Whether a joint is part of the only chain of fingers of a hand, beside a thumb; the thumb starts nearer the wrist. */
+function carriesAllFingers(a: Anatomy, joint: number): boolean {
+  const digits = (a.children[handOf(a, joint)] ?? []).filter((child) => a.regions[child] === "finger");
+  if (digits.length > 2) return false;
+  const far = (child: number) => length(a.offsets[child] as V3);
+  const longest = digits.reduce((one, other) => (far(other) > far(one) ? other : one), digits[0] as number);
+  const first = (j: number): number => (a.regions[a.parents[j] ?? -1] === "finger" ? first(a.parents[j] as number) : j);
+  return first(joint) === longest;
+}
+
+/** Segment of a finger; of four fingers side by side where one chain stands for them all. */
 function finger(b: Build, joint: number): Part[] {
-  const end = ends(b.anatomy, joint)[0];
+  const { anatomy: a, size } = b;
+  const end = ends(a, joint)[0];
   if (!end) return [];
-  const radius = 0.009 * b.size;
-  const stations = [ZERO, end].map((at) => ({ at, wide: radius, deep: radius }));
-  return [{ form: "loft", joint, tone: "body", stations, side: square([0, 1, 0], unit(end)), boxy: 2, fine: true }];
+  const along = unit(end);
+  const all = carriesAllFingers(a, joint);
+  const front = all ? square(a.forward, along) : square([0, 1, 0], along);
+  const last = (a.children[joint] ?? []).length === 0;
+  const radius = (all ? 0.0092 : last ? 0.0105 : 0.009) * size;
+  return (all ? FINGERS : [[0, 1] as const]).map(([y, reach]): Part => {
+    const sideways = scale(front, y * size);
+    const tip = add(scale(end, last && all ? 3 * reach - 2 : 1), sideways);
+    const stations = [sideways, tip].map((at, k) => ({ at, wide: radius - 0.0008 * k * size, deep: radius }));
+    return { form: "loft", joint, tone: "body", stations, side: front, boxy: 2, fine: true };
+  });
 }
 
 /** Mannequin for a skeleton with human joint names. */

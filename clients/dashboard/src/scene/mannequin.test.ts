@@ -115,6 +115,26 @@ test("the parts of a human have human proportions", () => {
   expect(x).toBeLessThan(1.85);
 });
 
+test("one chain of fingers is drawn as four fingers beside the thumb", () => {
+  const palm = person().names.indexOf("LeftHand");
+  const rows: Row[] = person().names.map((name, j) => {
+    const [x, y, z] = person().offsets[j] as [number, number, number];
+    return [name, person().parents[j] as number, x, y, z];
+  });
+  const at = rows.length;
+  rows.push(["LeftHandMiddle1", palm, 0.09, 0, 0], ["LeftHandMiddle2", at, 0.04, 0, 0]);
+  rows.push(["LeftHandThumb1", palm, 0.03, -0.01, 0.03]);
+  const tips = [
+    { parent: 4, offset: [0, 0.17, 0.02] },
+    { parent: at + 1, offset: [0.04, 0, 0] },
+    { parent: at + 2, offset: [0.04, -0.02, 0.04] },
+  ];
+  const parts = planOf(skeleton(rows, tips));
+  const lofts = (joint: number) => parts.filter((part) => part.joint === joint && part.form === "loft").length;
+  expect([at, at + 1, at + 2].map(lofts)).toEqual([4, 4, 1]);
+  expect(lofts(palm)).toBe(1);
+});
+
 test("an arm has links behind the plane of its tip", () => {
   expect(isChain(anatomyOf(ARM))).toBe(true);
   const parts = planOf(ARM);

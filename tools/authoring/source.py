@@ -63,7 +63,8 @@ class Source:
         Top-level keys of verb.toml in order; ``name``, ``effector`` and ``effector_keytime_index`` among them, and
         ``goal`` (a mapping with ``origin`` and ``axes``) where the adverbs are coordinates on a sheet.
     adverbs : sequence of Adverb
-        Measured adverbs are named x, y or z after the effector's coordinate, unless they lie on a sheet.
+        Measured adverbs are named x, y or z after the effector's coordinate, unless they lie on a sheet; those of a
+        jump are its distance, direction and height.
     examples : iterable of Example
         May be authored lazily.
     decimals : int
@@ -106,8 +107,14 @@ def write(source: Source, folder: Path) -> Iterable[str]:
 
 
 def measured(source: Source, path: Path, keytimes: Floats) -> F64:
-    """Position (3,) of the effector at its keytime, measured from a written file."""
+    """Position (3,) of the effector at its keytime, measured from a written file.
+
+    Of a jump: displacement sideways and forward, and rise of the root.
+    """
     motion = bvh.read(path)
+    if source.keys["measure"] == "jump":
+        start, end = motion.root[[0, -1]]
+        return np.array([end[0] - start[0], end[2] - start[2], motion.root[:, 1].max() - start[1]])
     index = source.keys["effector_keytime_index"]
     assert isinstance(index, int)  # a mistake in the authoring code
     frame = round(float(np.asarray(keytimes)[index]) * motion.fps)
@@ -118,6 +125,8 @@ def measured(source: Source, path: Path, keytimes: Floats) -> F64:
 
 def _coordinates(source: Source, point: F64) -> F64:
     """Measured adverbs (D,) of a point (3,): its coordinates, or those of the nearest point of the sheet."""
+    if source.keys["measure"] == "jump":
+        return np.array([np.hypot(*point[:2]), np.arctan2(*point[:2]), point[2]])
     goal = source.keys.get("goal")
     if isinstance(goal, Mapping):
         return np.asarray(np.linalg.lstsq(np.transpose(goal["axes"]), point - goal["origin"])[0])

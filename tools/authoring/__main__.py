@@ -10,11 +10,19 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tools.authoring import arm3, board, reach
+from tools.authoring import arm3, board, jump, kick, lift, punch, reach
 from tools.authoring.source import Source, write
 from verbs import library
 
-VERBS: dict[str, Callable[[], Source]] = {"arm3": arm3.source, "board": board.source, "reach": reach.source}
+VERBS: dict[str, Callable[[], Source]] = {
+    "arm3": arm3.source,
+    "board": board.source,
+    "jump": jump.source,
+    "kick": kick.source,
+    "lift": lift.source,
+    "punch": punch.source,
+    "reach": reach.source,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -36,6 +36,7 @@ from verbs.kernels.character_state import PROGRESS, Records
 from verbs.kernels.compile import direct, kernel
 from verbs.kernels.crowd_pose import TILE, Curves, finish_single, share, sort_by_interval, sums
 from verbs.kernels.inertialization import place_row
+from verbs.kernels.legs import SCRATCH, Legs, plant
 from verbs.kernels.pose import forward, global_rotations
 from verbs.runtime.characters import Characters, Frames, Step
 from verbs.runtime.evaluate import Blend, Evaluator
@@ -63,7 +64,10 @@ class _Posed(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """Characters whose poses are sums of curves: ``slots`` of all, numbers of the ``chosen``, state and weights."""
+    """Characters whose poses are sums of curves: ``slots`` of all, numbers of the ``chosen``, state and weights.
+
+    ``commands`` and ``legs`` plant their feet.
+    """
 
     slots: I64
     chosen: I64
@@ -72,6 +76,8 @@ class _Sums(NamedTuple):
     curves: Curves
     striding: bool
     parents: I64
+    commands: F64
+    legs: Legs
 
 
 class _Words(NamedTuple):
@@ -117,7 +123,8 @@ def pack_step(characters: Characters, slots: I64, step_s: float, version: int, t
     parents, crowd = characters.verb.skeleton.parents, characters.crowd
     if len(step.complete):
         source = _Sums(
-            slots, step.complete, crowd.state, crowd.weights, characters.curves, characters.striding, parents
+            slots, step.complete, crowd.state, crowd.weights, characters.curves, characters.striding, parents,
+            crowd.commands, characters.planting.legs,
         )  # fmt: skip
         _pack_sums_direct(heads, source, targets, version, buffer)
     if len(step.rest):
@@ -170,7 +177,7 @@ def _pack_sums(heads: _Heads, source: _Sums, targets: Targets, version: int, buf
 
     They go through in tiles, sorted by knot interval; see :mod:`verbs.kernels.crowd_pose`.
     """
-    slots, chosen, state, weights, curves, striding, parents = source
+    slots, chosen, state, weights, curves, striding, parents, commands, legs = source
     rows, intervals, mode, references = curves
     needed, order, count = np.empty(chosen.shape[0], np.int64), np.empty(chosen.shape[0], np.int64), 0
     phases = np.empty(slots.shape[0])
@@ -187,7 +194,7 @@ def _pack_sums(heads: _Heads, source: _Sums, targets: Targets, version: int, buf
     most, width = min(TILE, count), rows.shape[1]
     shares, tile = np.empty((most, 4 * weights.shape[2]), np.float32), np.empty((most, width), np.float32)
     scales, at, taps = np.empty(most * width // 4, np.float32), np.empty(most, np.int64), np.empty(4)
-    world = np.empty((parents.shape[0], 4))
+    world, scratch = np.empty((parents.shape[0], 4)), np.empty((legs.chains.shape[0], SCRATCH))
     for start in range(0, count, TILE):
         size = min(TILE, count - start)
         for k in range(size):
@@ -198,6 +205,8 @@ def _pack_sums(heads: _Heads, source: _Sums, targets: Targets, version: int, buf
         for k in range(size):
             b = order[start + k]
             place_row(state[slots[b]], striding, tile[k])
+            if state[slots[b]]["footed"] > 0.0:
+                plant(tile[k, :3], tile[k, 4:].reshape(parents.shape[0], 4), commands[slots[b], 0], legs, scratch)
             to = _write_head(b, heads, targets, version, buffer.words, buffer.floats)
             if targets.layouts[b, 3] == 1:
                 _write_plain(targets.layouts[b, 0], tile[k], targets.spans[b, 1] - targets.spans[b, 0], to, buffer)

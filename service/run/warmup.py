@@ -60,6 +60,7 @@ def _load_measures() -> None:
     from verbs.kernels import measure, pose
     from verbs.runtime.characters import Characters
     from verbs.runtime.evaluate import Evaluator
+    from verbs.runtime.ground import gradient
 
     arm, reach = library.load("arm3"), library.load("reach")
     velocity = replace(
@@ -74,6 +75,7 @@ def _load_measures() -> None:
         evaluator = Evaluator(verb)
         evaluator.warm()
         Characters(evaluator).warm()
+        gradient(evaluator, evaluator.blend(verb.values[:1]))
 
 
 def main() -> None:
@@ -98,7 +100,8 @@ def _compile_streams() -> None:
 
     packing.warm()
     kernels.warm()
-    Characters(Evaluator(library.load("arm3"))).warm()
+    for name in ("arm3", "reach"):
+        Characters(Evaluator(library.load(name))).warm()
 
 
 def _compile_methods() -> None:

@@ -52,7 +52,7 @@ def test_the_small_loads_tell_all_costs_apart():
 
 @pytest.mark.parametrize(("encoding", "channels"), [("f32", 1), ("q48", 7), ("q32", 4), ("weights", 3)])
 def test_bandwidth_is_that_of_a_real_server(address, encoding, channels):
-    group, shape = Group(2, channels, encoding, 20.0), Shape(22, 24, 1)
+    group, shape = Group(2, channels, encoding, 20.0), Shape(28, 24, 1)
     load = Load(address.replace("http", "ws") + "/v1/stream", "reach", encoding, 2, channels, FPS, "corrected", 20.0,
                 bulk=True, events=False)  # fmt: skip
     found = run_crowd(load, seconds=0.5, settle_s=0.2)

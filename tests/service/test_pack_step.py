@@ -43,7 +43,7 @@ class Session:
         people = self.troupes[rng.integers(len(self.troupes))]
         goal, looping = goal_of(people, rng), bool(rng.random() < 0.5)
         values = {"phase": float(rng.random()), "speed": float(rng.uniform(-2, 3)), "looping": looping}
-        slot = people.add(goal, **values, half_life_s=0.1)
+        slot = people.add(goal, **values, half_life_s=0.1, plant=False)
         self.cast.append((people, slot, Plain(people, people.goals[slot].copy(), **values)))
 
     def act(self) -> None:
@@ -149,9 +149,9 @@ def test_random_sessions_are_those_of_single_characters(captured, names, seed):
     assert [len(people) for people in session.troupes] == [left.count(people) for people in session.troupes]
 
 
-def crowd(count: int, seed: int = 0) -> tuple[Characters, np.ndarray]:
+def crowd(count: int, seed: int = 0, *, plant: bool = False) -> tuple[Characters, np.ndarray]:
     people, rng = Characters(Evaluator(library.load("reach"))), np.random.default_rng(seed)
-    return people, np.array([people.add(goal_of(people, rng), phase=rng.random()) for _ in range(count)])
+    return people, np.array([people.add(goal_of(people, rng), phase=rng.random(), plant=plant) for _ in range(count)])
 
 
 @pytest.mark.parametrize("encoding", ["f32", "q48", "q32", "weights"])
@@ -187,6 +187,23 @@ def test_every_layout_is_that_of_frames(encoding, space, frame, chosen):
         assert (np.abs((ours & mask) - (theirs & mask)) <= unit).all()
     rest = ~sum(steps) & np.iinfo(kind).max
     assert ((ours & rest) == (theirs & rest)).all()
+
+
+def test_planted_records_are_those_of_frames():
+    """Legs are solved on single precision there, on double precision here."""
+    (one, slots), (other, _) = crowd(70, plant=True), crowd(70, plant=True)
+    (plain, _) = crowd(70)
+    joints = len(one.verb.skeleton)
+    layout = Layout("f32", "local", "gltf", np.arange(joints), 0)
+    targets = Targets.of([layout] * 70, np.arange(70) * layout.words, range(70))
+    for _ in range(40):
+        words = np.zeros(70 * layout.words, np.uint32)
+        pack_step(one, slots, 1 / 30, 1, targets, words)
+        frames, unplanted = other.step(slots, 1 / 30), plain.step(slots, 1 / 30)
+        rows = words.view(record(joints))
+        np.testing.assert_allclose(rows["rotations"], frames.rotations, atol=1e-4)
+        np.testing.assert_allclose(rows["root"], frames.root, atol=1e-5)
+        assert np.abs(frames.rotations - unplanted.rotations).max() > 1e-3
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 64, 65, 300])
@@ -238,7 +255,7 @@ def test_rotation_vectors(captured):
     curves[:, :, 7::4] = 0.0  # the quaternions' x, y, z are as good as any vectors
     people = Characters(Evaluator(replace(verb, curves=curves, rotation_mode=pose.ROTATION_VECTOR)), "rbf")
     rng = np.random.default_rng(0)
-    slots = np.array([people.add(goal_of(people, rng), phase=rng.random()) for _ in range(70)])
+    slots = np.array([people.add(goal_of(people, rng), phase=rng.random(), plant=False) for _ in range(70)])
     layout = Layout("f32", "local", "gltf", np.arange(len(verb.skeleton)), 0)
     words = np.zeros(70 * layout.words, np.uint32)
     pack_step(people, slots, 0.1, 1, Targets.of([layout] * 70, np.arange(70) * layout.words, range(70)), words)
@@ -273,13 +290,13 @@ def test_three_components_of_ten_bits(joints):
 
 
 def test_a_character_takes_less_than_a_page(captured):
-    """Bytes of one of many, of 35 examples, 23 joints and 3 adverbs; the library's limit is 4 kB."""
+    """Bytes of one of many, of 35 examples, 23 joints, 2 feet and 3 adverbs; the library's limit is 4 kB."""
     people = Characters(captured("reach"))
     slots = np.array([people.add() for _ in range(4_096)])
     people.step(slots, 1 / 60)
     arrays = [*people.crowd, people.stored.frames, people.stored.offsets]
     assert (len(people.verb.examples), len(people.verb.skeleton), len(people.verb.adverbs)) == (35, 23, 3)
-    assert sum(array.nbytes for array in arrays) / len(slots) < 1_536
+    assert sum(array.nbytes for array in arrays) / len(slots) < 2_560
     known = {id(array) for array in arrays}
     large = [v for v in vars(people).values() if isinstance(v, np.ndarray) and v.nbytes > len(slots)]
     assert all(id(array) in known for array in large)

@@ -100,7 +100,9 @@ class Plain:
             new.velocity = (moved - new.shown) / instant
             new.share, new.position = self.share, self.position.copy()
         else:
-            phase = transition.start_phase(self.source.verb, self.phase, source.verb, speed=self.speed)
+            phase = transition.corresponding_phase(self.source.verb, self.phase, source.verb)
+            if phase is None:
+                phase = self._nearest(source, goal)
             new = Plain(source, goal, phase, self.speed, True, source.verb.looping)
         new.half_life_s, new.step_s = self.half_life_s, self.step_s
         if self.fresh == 1 and self.step_s == 0.0:
@@ -114,6 +116,13 @@ class Plain:
             new._stand(self._world())
         new._begin(new._ahead(), transition_s)
         return new
+
+    def _nearest(self, source: Characters, goal: np.ndarray) -> float:
+        """Phase at which a motion starts that corresponds to no phase of this one's."""
+        if source.verb.looping and not (self.fresh == 1 and self.step_s == 0.0):
+            blend = source.evaluator.blend(goal[None], method=source.method)
+            return transition.closest_phase(self.frames, self.step_s, source.evaluator, blend)
+        return 1.0 if self.speed < 0 else 0.0
 
     def _steer(self, step_s: float) -> None:
         target = self.source.verb.domain.chart.points(self.goal[None])[0]

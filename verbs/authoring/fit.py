@@ -370,7 +370,7 @@ def _curve_error(evaluator: Evaluator, motions: list[Motion], keytimes: F64) -> 
         unit = np.zeros((1, len(motions)))
         unit[0, i] = 1.0
         blend = evaluator.measure("example", unit, verb.values[i : i + 1], np.zeros(1, bool))
-        shown = evaluator.pose_of(blend, time_s=np.clip(times[kept], 0.0, None))
+        shown = evaluator.pose_of(blend, time_s=np.clip(times[kept], 0.0, None), plant=False)
         _, found = evaluator.positions(shown)
         true_root, true_rotations = motion.root[kept], motion.rotations[kept]
         global_rotations, positions = np.empty_like(true_rotations), np.empty((len(true_root), len(verb.skeleton), 3))

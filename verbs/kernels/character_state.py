@@ -63,6 +63,8 @@ CHARACTER = np.dtype(
         ("held", "i8"),  # row of its stored frames, -1 where they follow from the numbers below
         ("calm", "i8"),  # frames since a transition or the follow window changed one
         ("weights", "i8"),  # row of its current weights, 0 to 2
+        ("planting", "f8"),  # whether its feet are planted
+        ("footed", "f8"),  # whether ``feet`` and ``commands`` belong to its last frame
         *((f"{name}_{k}", kind) for k in (1, 2) for name, kind in SHOWN),
     ]
 )
@@ -104,6 +106,9 @@ class Crowd(NamedTuple):
         Of the current weights, see :mod:`verbs.kernels.timewarp`.
     measured, error, clamped : (C, m), (C,), (C,) float64
         Of the current weights.
+    feet : (C, F) of :data:`verbs.kernels.feet.FOOT`
+    commands : (C, 2, F, 22) float64
+        Where the feet are put in the last frame and in the one before, see :data:`verbs.kernels.legs.COMMAND`.
     """
 
     state: Records
@@ -119,6 +124,8 @@ class Crowd(NamedTuple):
     measured: F64
     error: F64
     clamped: F64
+    feet: Records
+    commands: F64
 
 
 class Advanced(NamedTuple):

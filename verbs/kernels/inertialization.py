@@ -15,6 +15,7 @@ from verbs.conventions import F32, F64, I64
 from verbs.kernels.character_state import Crowd, Records, displayed
 from verbs.kernels.compile import kernel
 from verbs.kernels.crowd_pose import Curves, blend_sorted, finish_double, share, sums
+from verbs.kernels.legs import SCRATCH, Legs, plant
 from verbs.kernels.pose import multiply
 
 __all__ = ["apply", "begin", "place", "place_row", "poses", "redisplay", "restart", "step_back"]
@@ -166,14 +167,18 @@ def place_row(state: Any, striding: bool, row: F32) -> None:
 
 @kernel
 def apply(
-    slots: I64, step_s: float, state: Records, offsets: F64, frames: F64, striding: bool, root: F64, rotations: F64
-) -> None:
-    """Move poses (B, 3), (B, J, 4) into the world, add the offsets of transitions, and store the displayed frames.
+    slots: I64, step_s: float, crowd: Crowd, offsets: F64, frames: F64, striding: bool, legs: Legs, root: F64,
+    rotations: F64,
+) -> None:  # fmt: skip
+    """Move poses (B, 3), (B, J, 4) into the world, add the offsets of transitions, plant, and store what is displayed.
 
     A transition's offset goes from x₀ and v₀ to rest as :func:`_factors` states.
 
     Parameters
     ----------
+    slots : (B,) int64
+    step_s : float
+    crowd : Crowd
     offsets : (S, 2, 3 + 3·J) float64
         See :func:`begin`; in the row that ``state`` names as ``held``.
     frames : (S, 2, 3 + 4·J) float64
@@ -181,9 +186,11 @@ def apply(
         that frame.
     striding : bool
         Whether the character's position is all of the root's travel.
+    legs : Legs
+        Feet of characters whose commands are those of this frame.
     """
-    joints = rotations.shape[1]
-    rotation, local = np.zeros(4), np.empty(4)
+    joints, state = rotations.shape[1], crowd.state
+    rotation, local, scratch = np.zeros(4), np.empty(4), np.empty((legs.chains.shape[0], SCRATCH))
     for b in range(slots.shape[0]):
         row = state[slots[b]]
         s = row["held"]
@@ -193,6 +200,8 @@ def apply(
             _decay(step_s, row, offsets[s], rotation, local, root[b], rotations[b])
             if row["transition_s"] > 0.0:
                 row["calm"] = 0
+        if row["footed"] > 0.0:
+            plant(root[b], rotations[b], crowd.commands[slots[b], 0], legs, scratch)
         frames[s, 0] = frames[s, 1]
         frames[s, 1, :3] = root[b]
         for j in range(joints):
@@ -203,7 +212,9 @@ def apply(
 
 
 @kernel
-def poses(slots: I64, chosen: I64, crowd: Crowd, curves: Curves, striding: bool, root: F64, rotations: F64) -> None:
+def poses(
+    slots: I64, chosen: I64, crowd: Crowd, curves: Curves, striding: bool, legs: Legs, root: F64, rotations: F64
+) -> None:
     """Poses in the world of the characters ``slots[chosen]``, to rows ``chosen`` of ``root`` and ``rotations``.
 
     For characters without offsets: their poses follow from weights, phase and position. ``root`` is (B, 3),
@@ -217,21 +228,23 @@ def poses(slots: I64, chosen: I64, crowd: Crowd, curves: Curves, striding: bool,
         row = state[slots[chosen[c]]]
         own[c], phases[c] = weights[slots[chosen[c]], row["weights"]], row["phase"]
     blend_sorted(own, phases, curves, roots, turns)
-    scratch = np.zeros(4), np.empty(4)
+    scratch, feet = (np.zeros(4), np.empty(4)), np.empty((legs.chains.shape[0], SCRATCH))
     for c in range(size):
         row, b = state[slots[chosen[c]]], chosen[c]
         place((row["x"], row["y"], row["z"]), row["heading"], striding, roots[c], turns[c, 0], scratch)
+        if row["footed"] > 0.0:
+            plant(roots[c], turns[c], crowd.commands[slots[b], 0], legs, feet)
         root[b], rotations[b] = roots[c], turns[c]
 
 
 @kernel
-def redisplay(slots: I64, crowd: Crowd, curves: Curves, striding: bool, frames: F64) -> None:
+def redisplay(slots: I64, crowd: Crowd, curves: Curves, striding: bool, legs: Legs, frames: F64) -> None:
     """The last two frames (n, 2, 3 + 4·J), latest last, of characters that show weights, phase and position alone."""
     state, weights = crowd.state, crowd.weights
     rows, intervals, mode, references = curves
     shares, row, taps = np.empty((1, 4 * weights.shape[2])), np.empty((1, rows.shape[1])), np.empty(4)
     root, rotations, scratch = np.empty(3), np.empty((references.shape[0], 4)), (np.zeros(4), np.empty(4))
-    where = np.empty(1, np.int64)
+    where, feet = np.empty(1, np.int64), np.empty((legs.chains.shape[0], SCRATCH))
     for b in range(slots.shape[0]):
         s = slots[b]
         one = state[s]
@@ -246,6 +259,8 @@ def redisplay(slots: I64, crowd: Crowd, curves: Curves, striding: bool, frames: 
             sums(shares, where, rows, row)
             finish_double(row[0], mode, references, root, rotations)
             place(at, heading, striding, root, rotations[0], scratch)
+            if one["footed"] > 0.0:
+                plant(root, rotations, crowd.commands[s, 1 - k], legs, feet)
             frames[b, k, :3] = root
             frames[b, k, 3:] = rotations.reshape(rotations.size)
 

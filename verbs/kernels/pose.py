@@ -26,6 +26,7 @@ __all__ = [
     "global_rotations",
     "spline_taps",
     "stride_to",
+    "travelled",
 ]
 
 NLERP, ROTATION_VECTOR = range(2)
@@ -220,6 +221,15 @@ def travel(weights: F64, strides: F64, phases: F64, looping: bool, one_walk: boo
         heading[1], heading[3] = np.sin(0.5 * location[2]), np.cos(0.5 * location[2])
         local[:] = rotations[b, 0]
         multiply(heading, local, rotations[b, 0])
+
+
+def travelled(weights: F64, strides: F64, phases: F64, *, looping: bool) -> F64:
+    """Places (B, 4) of a striding root's frame along one walk: x, z (m), heading (rad, unwrapped), height (m)."""
+    size = len(phases)
+    root, rotations = np.zeros((size, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (size, 1, 1))
+    travel(weights, strides, phases, looping, True, root, rotations)
+    heading = np.unwrap(2.0 * np.arctan2(rotations[:, 0, 1], rotations[:, 0, 3]))
+    return np.stack([root[:, 0], root[:, 2], heading, root[:, 1]], axis=-1)
 
 
 @kernel

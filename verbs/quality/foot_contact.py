@@ -100,10 +100,12 @@ def slide_rows(verb: Verb) -> list[dict[str, Any]]:
     ]
 
 
-def slides(evaluator: Evaluator, found: Contacts, adverbs: F64, *, method: str | None = None) -> Slides:
-    """Slides of the whole motions at adverbs (B, D), by a method."""
+def slides(
+    evaluator: Evaluator, found: Contacts, adverbs: F64, *, method: str | None = None, plant: bool = False
+) -> Slides:
+    """Slides of the whole motions at adverbs (B, D), by a method, with planted feet or as they are blended."""
     blends = evaluator.blend(adverbs, method=method)
-    return _summary(evaluator, found, [one_of(blends, k) for k in range(len(adverbs))])
+    return _summary(evaluator, found, [one_of(blends, k) for k in range(len(adverbs))], plant=plant)
 
 
 def goals(verb: Verb) -> F64:
@@ -111,14 +113,14 @@ def goals(verb: Verb) -> F64:
     return random_points(verb, np.random.default_rng(GOALS_SEED), GOALS)
 
 
-def _summary(evaluator: Evaluator, found: Contacts, blends: list[Blend]) -> Slides:
-    parts = [_of_motion(evaluator, found, blend) for blend in blends]
+def _summary(evaluator: Evaluator, found: Contacts, blends: list[Blend], *, plant: bool = False) -> Slides:
+    parts = [_of_motion(evaluator, found, blend, plant=plant) for blend in blends]
     return Slides.of(np.concatenate([distances for distances, _ in parts]), max(depth for _, depth in parts))
 
 
-def _of_motion(evaluator: Evaluator, found: Contacts, blend: Blend) -> tuple[F64, float]:
+def _of_motion(evaluator: Evaluator, found: Contacts, blend: Blend, *, plant: bool) -> tuple[F64, float]:
     """Slide (S,) of every stance of a motion, and the largest depth, metres."""
-    phases, rotations, positions = sampled_rotations(evaluator, blend)
+    phases, rotations, positions = sampled_rotations(evaluator, blend, plant=plant)
     rotations, positions = from_ground(evaluator, blend, phases, rotations, positions)
     looping = evaluator.verb.looping
     weights = np.ascontiguousarray(np.broadcast_to(blend.weights[0], (len(phases), blend.weights.shape[1])))

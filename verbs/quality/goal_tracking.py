@@ -80,7 +80,7 @@ def follow(evaluator: Evaluator, method: str, paths: F64) -> Follow:
     verb, ratios, jitters, errors = evaluator.verb, [], [], []
     phase = float(verb.phases[verb.measure.keytime])
     for path in paths:
-        poses = evaluator.pose(np.ascontiguousarray(path), phase=np.full(len(path), phase), method=method)
+        poses = evaluator.pose(np.ascontiguousarray(path), phase=np.full(len(path), phase), method=method, plant=False)
         _, positions = evaluator.positions(poses)
         joints = np.linalg.norm(np.diff(positions, n=2, axis=0), axis=-1).max(axis=1) * RATE_HZ**2
         own = np.linalg.norm(np.diff(evaluator.goal.points(path), n=2, axis=0), axis=-1).max() * RATE_HZ**2

@@ -69,12 +69,13 @@ def leave_one_out(verb: Verb, methods: tuple[str, ...]) -> list[LeftOut]:
     for i in range(count):
         true = Evaluator(verb)
         unit = np.eye(count)[i : i + 1]
-        own = true.pose_of(true.measure("example", unit, verb.values[i : i + 1], np.zeros(1, bool)), phase=phases)
+        blend = true.measure("example", unit, verb.values[i : i + 1], np.zeros(1, bool))
+        own = true.pose_of(blend, phase=phases, plant=False)
         other = Evaluator(subset(verb, np.delete(np.arange(count), i)))
         for m, name in enumerate(methods):
             weights = other.method(name)[1].weights(verb.values[i : i + 1].copy())
             blend = other.measure(name, weights, verb.values[i : i + 1], np.zeros(1, bool))
-            shown = other.pose_of(blend, phase=phases)
+            shown = other.pose_of(blend, phase=phases, plant=False)
             differences = quat.log(quat.mul(quat.conjugate(own.rotations), shown.rotations))
             angles[m, i] = np.linalg.norm(differences, axis=-1).mean()
             errors[m, i] = blend.error[0]

@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 from verbs.conventions import F64, I64
 from verbs.kernels.character_state import CHARACTER, Crowd, Records
+from verbs.kernels.feet import FOOT
+from verbs.kernels.legs import COMMAND
 from verbs.runtime.evaluate import Blend
 from verbs.verb import Verb
 
@@ -105,6 +107,8 @@ class CharacterPool:
     Parameters
     ----------
     verb : Verb
+    feet : int
+        Number of feet that can be planted.
 
     Attributes
     ----------
@@ -113,12 +117,15 @@ class CharacterPool:
     stored : StoredFrames
     """
 
-    def __init__(self, verb: Verb) -> None:
+    def __init__(self, verb: Verb, feet: int) -> None:
         self.verb = verb
         dims, count, keytimes = len(verb.adverbs), len(verb.examples), len(verb.phases)
         points, times = (np.zeros((0, dims)) for _ in range(5)), (np.zeros((0, keytimes)) for _ in range(2))
         weights, measured = np.zeros((0, 3, count)), np.zeros((0, len(verb.measure.axes)))
-        columns = (*points, weights, *times, measured, np.zeros(0), np.zeros(0))
+        columns = (
+            *points, weights, *times, measured, np.zeros(0), np.zeros(0), np.zeros((0, feet), FOOT),
+            np.zeros((0, 2, feet, len(COMMAND))),
+        )  # fmt: skip
         self.crowd = Crowd._make((np.zeros(0, CHARACTER), np.zeros(0, np.int64), *columns))
         self.stored = StoredFrames(len(verb.skeleton))
         self._used = np.zeros(0, np.bool_)

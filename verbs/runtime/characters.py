@@ -10,42 +10,32 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from verbs.blend.corrected import Corrected
 from verbs.conventions import F32, F64, I64
 from verbs.errors import OutOfRange
 from verbs.kernels import character_state, inertialization
-from verbs.kernels import measure as measures
-from verbs.kernels import pose as poses
-from verbs.kernels.character_state import PROGRESS, Advanced, Crowd, Records
 from verbs.kernels.compile import direct
-from verbs.kernels.corrected_position import Blended
-from verbs.kernels.following import NO_WINDOW, FollowProblem, follow
+from verbs.kernels.feet import FOOT
 from verbs.runtime import transition
-from verbs.runtime.character_pool import CharacterPool, Frames, Step
-from verbs.runtime.evaluate import Blend, Evaluator, blend_poses
+from verbs.runtime.character_pool import Frames, Step
+from verbs.runtime.character_steps import RESTART_S, CharacterSteps
+from verbs.runtime.evaluate import Blend
 
 __all__ = ["HALF_LIFE_S", "MAX_SPEED", "MAX_TRANSITION_S", "RESTART_S", "VERSION_S", "Characters", "Frames", "Step"]
 
-_steer, _gather, _keep = (direct(one) for one in (character_state.steer, character_state.gather, character_state.keep))
-_advance, _follow, _walk = (direct(one) for one in (character_state.advance, follow, character_state.walk))
 _copy_single, _copy_double = direct(character_state.copy_rows), direct(character_state.copy_rows)
 _poses = direct(inertialization.poses)
-_apply, _redisplay = direct(inertialization.apply), direct(inertialization.redisplay)
-_restart = direct(inertialization.restart)
 
 HALF_LIFE_S = 0.1
 MAX_SPEED = 10.0
 MAX_TRANSITION_S = 5.0
 VERSION_S = 0.15
 """Length of the transition from one version of a verb to the next."""
-RESTART_S = 0.3
-"""Length of the transition with which a motion that does not loop starts over."""
 
 _HALVED = 1.6783469900166605
 """Where (1 + x) · exp(-x) is one half: a critically damped spring from rest has covered half its distance."""
 
 
-class Characters(CharacterPool):
+class Characters(CharacterSteps):
     """Characters of one verb and method.
 
     Parameters
@@ -65,19 +55,6 @@ class Characters(CharacterPool):
     ((1, 3), (1, 28, 4))
     """
 
-    def __init__(self, evaluator: Evaluator, method: str | None = None) -> None:
-        super().__init__(evaluator.verb)
-        self.evaluator = evaluator
-        self.method, prepared = evaluator.method(method)
-        self.window = evaluator.follow_window() if isinstance(prepared, Corrected) else None
-        self.striding = self.verb.root_motion == poses.STRIDE
-        self.curves = evaluator.curves
-        joints, count = len(self.verb.skeleton), len(self.verb.examples)
-        self._nothing = np.zeros((0, count)), np.zeros((0, 3)), np.zeros((0, joints, 4))
-        self._following: FollowProblem | None = None
-        if self.window and isinstance(prepared, Corrected):
-            self._following = _follow_problem(prepared, self.window)
-
     def add(
         self,
         adverbs: Mapping[str, float] | F64 | None = None,
@@ -88,6 +65,7 @@ class Characters(CharacterPool):
         looping: bool | None = None,
         half_life_s: float = HALF_LIFE_S,
         following: bool = True,
+        plant: bool = True,
     ) -> int:
         """A new character; return its slot.
 
@@ -106,6 +84,8 @@ class Characters(CharacterPool):
             Seconds in which half of the distance to a new goal is covered; 0 moves at once.
         following : bool
             Whether the effector is on its goal while the character is paused within the follow window.
+        plant : bool
+            Whether standing feet stay where they landed.
 
         Raises
         ------
@@ -115,6 +95,7 @@ class Characters(CharacterPool):
         row = self.row(adverbs)
         slot = self._take()
         self.state["speed"][slot] = self.state["fresh"][slot] = 1.0
+        self.state["planting"][slot] = float(plant and len(self.planting.joints) > 0)
         crowd = self.crowd
         crowd.goals[slot] = crowd.seen[slot] = row
         crowd.targets[slot] = crowd.shown[slot] = self.verb.domain.chart.points(row[None])[0]
@@ -176,7 +157,7 @@ class Characters(CharacterPool):
             if value is not None and not low <= value <= high:  # NaN compares false, so this catches it as well
                 raise OutOfRange(f"{name} is {value}; it must lie between {low:g} and {high:g}")
         if phase is not None:
-            row["phase"], row["seconds"], row["fresh"] = phase, np.nan, 1.0
+            row["phase"], row["seconds"], row["fresh"], row["footed"] = phase, np.nan, 1.0, 0.0
         if speed is not None:
             row["speed"] = speed
         if playing is not None:
@@ -199,37 +180,11 @@ class Characters(CharacterPool):
         crowd, size = self.crowd, len(slots)
         weights = crowd.weights[slots, crowd.state["weights"][slots]]
         root, rotations = np.empty((size, 3)), np.empty((size, len(self.verb.skeleton), 4))
-        _poses(slots, step.complete, crowd, self.curves, self.striding, root, rotations)
+        _poses(slots, step.complete, crowd, self.curves, self.striding, self.planting.legs, root, rotations)
         if len(step.rest):
             weights[step.rest], root[step.rest], rotations[step.rest] = step.weights, step.root, step.rotations
         blend = Blend(self.method, weights, crowd.measured[slots], step.error, step.clamped)
         return Frames(blend, step.progress, root, rotations, step.in_transition)
-
-    def advance(self, slots: I64, step_s: float) -> Step:
-        """Move characters (B,) by one step, without computing the poses that are sums of curves alone.
-
-        Parameters
-        ----------
-        slots : (B,) int64
-            C-contiguous; each at most once.
-        step_s : float
-            Seconds, above 0.
-        """
-        frame, counts = self._move(self.crowd, slots, step_s)
-        complete, rest = frame.complete[: counts[0]], frame.rest[: counts[1]]
-        if not len(rest):
-            return Step(*frame[:4], complete, rest, *self._nothing)
-        among, progress = slots[rest], frame.progress[rest]
-        if counts[2]:
-            self._restart(among[progress["restarted"] > 0.0], step_s)
-        held = self.state["held"][among]
-        enter = among[held < 0]
-        self._hold(enter, self._displayed(enter))
-        error = frame.error[rest]
-        found = self._pose(self.crowd, among, step_s, (self.stored.offsets, self.stored.frames), progress, error)
-        frame.error[rest], frame.in_transition[rest] = error, self.state["transition_s"][among] > 0
-        self._release(among[self.state["calm"][among] >= 2])
-        return Step(*frame[:4], complete, rest, *found)
 
     def go_on(
         self,
@@ -238,7 +193,7 @@ class Characters(CharacterPool):
         adverbs: Mapping[str, float] | F64 | None = None,
         *,
         phase: float | None = None,
-        transition_s: float = RESTART_S,
+        transition_s: float | None = None,
         same: bool = False,
     ) -> int:
         """A character of this verb that continues from one of another; return its slot. The other stays as it is.
@@ -250,9 +205,11 @@ class Characters(CharacterPool):
         adverbs : optional
             The middle of the domain unless given.
         phase : float, optional
-            Phase at which it starts; see :func:`verbs.runtime.transition.start_phase`.
-        transition_s : float
-            0 to 5; 0 cuts.
+            Phase at which it starts. Unless given: where both loop and name the same keytimes, the phase that
+            corresponds; in another loop the one whose pose is closest; otherwise the start, or the end if it is played
+            backwards.
+        transition_s : float, optional
+            0 to 5; 0 cuts. Unless given, it is chosen by the distance of poses and velocities, 0.3 to 1.
         same : bool
             The verb is the same one in another version: goal, phase and position are kept.
 
@@ -264,13 +221,13 @@ class Characters(CharacterPool):
             See :meth:`add`.
         """
         transition.check_skeletons(other.verb, self.verb)
-        if not 0.0 <= transition_s <= MAX_TRANSITION_S:
+        if transition_s is not None and not 0.0 <= transition_s <= MAX_TRANSITION_S:
             raise OutOfRange(f"transition_s is {transition_s}; it must lie between 0 and {MAX_TRANSITION_S:g}")
         was = other.state[slot].copy()
         if same:
             adverbs, phase = other.goals[slot], other.phase(slot)
         elif phase is None:
-            phase = transition.start_phase(other.verb, other.phase(slot), self.verb, speed=was["speed"])
+            phase = self._start_phase(other, slot, adverbs)
         new = self.add(adverbs, phase=phase, speed=float(was["speed"]))
         row = self.state[new]
         kept = ["decay", "step_s"]
@@ -280,6 +237,7 @@ class Characters(CharacterPool):
         for name in kept:
             row[name] = was[name]
         row["playing"] = was["playing"] if same else 1.0
+        row["planting"] = was["planting"] if len(self.planting.joints) else 0.0
         if was["fresh"] == 1.0 and was["step_s"] == 0.0:
             return new  # the other has had no frame yet
         if same:  # both have the same goal, so compare the next frames of both
@@ -289,15 +247,33 @@ class Characters(CharacterPool):
             last, row["fresh"] = other._displayed(np.array([slot])), 2.0
             row["y"] = was["y"]
             self._stand(new, other.world(slot))
+        self._keep_feet(new, other, slot, None if same else last[0, 1])
         self._hold(np.array([new]), last)
-        self._begin(new, self._ahead(np.array([new]))[0], transition_s)
+        ahead = self._ahead(np.array([new]))[0]
+        if transition_s is None:
+            own = max(
+                transition.peak(other.evaluator, other.blend(slot)), transition.peak(self.evaluator, self.blend(new))
+            )
+            transition_s = transition.length_s(last[0], ahead, float(was["step_s"]), self.verb, own)
+        if transition_s == 0.0:  # a cut: feet are where the motion has them
+            row["footed"] = 0.0
+        self._begin(new, ahead, transition_s)
         return new
 
-    def world(self, slot: int) -> tuple[float, float, float]:
-        """Position of a character's root in its last frame: x, z (m) and heading (rad)."""
-        last = self._displayed(np.array([slot]))[0, 1]
-        turn = float(self.state["heading"][slot]) if self.striding else transition.heading(last[3:7])
-        return float(last[0]), float(last[2]), turn
+    def blend(self, slot: int) -> Blend:
+        """Weights and measured adverbs of a character, at its displayed adverbs."""
+        return self._blend_points(self.crowd.shown[slot][None])
+
+    def _start_phase(self, other: Characters, slot: int, adverbs: Mapping[str, float] | F64 | None) -> float:
+        """Phase at which a character that continues from another starts."""
+        found = transition.corresponding_phase(other.verb, other.phase(slot), self.verb)
+        if found is not None:
+            return found
+        if self.verb.looping and other.crowd.known[slot]:
+            displayed = other._displayed(np.array([slot]))[0]
+            blend = self.evaluator.blend(self.row(adverbs)[None], method=self.method)
+            return transition.closest_phase(displayed, float(other.state["step_s"][slot]), self.evaluator, blend)
+        return 1.0 if other.state["speed"][slot] < 0 else 0.0
 
     def warm(self) -> None:
         """Compile or load every kernel that a step may need."""
@@ -316,29 +292,6 @@ class Characters(CharacterPool):
         for slot in (after, int(slots[0])):
             self.remove(slot)
 
-    def _move(self, crowd: Crowd, slots: I64, step_s: float) -> tuple[Advanced, tuple[int, int, int]]:
-        """Steer, blend and advance characters of any crowd of this verb; see :func:`character_state.advance`."""
-        size = len(slots)
-        moved = np.empty(size, np.int64)
-        count = _steer(slots, step_s, crowd, self.verb.domain.chart.arrays, moved)
-        clock = self.evaluator.goal.clock
-        if count:
-            points = np.empty((count, crowd.shown.shape[1]))
-            _gather(slots, moved[:count], crowd.shown, points)
-            blend = self._blend_points(points)
-            fresh = Blended(
-                np.ascontiguousarray(blend.weights), blend.measured, blend.error, blend.clamped.astype(np.float64)
-            )
-            _keep(slots, moved[:count], fresh, clock, crowd)
-        flags, which = np.empty((2, size), np.bool_), np.empty((2, size), np.int64)
-        frame = Advanced(np.empty(size, PROGRESS), np.empty(size), *flags, *which)
-        window = self.window if self.window and self._following else NO_WINDOW
-        return frame, _advance(slots, step_s, crowd, clock, self.verb.strides, window, frame)
-
-    def _blend_points(self, points: F64) -> Blend:
-        """Blends at normalised chart coordinates (n, D)."""
-        return self.evaluator.blend_points(points, method=self.method)
-
     def _steer_as(self, slot: int, other: Characters, whose: int) -> None:
         """Give a character the displayed point and velocity of another of the same adverbs."""
         to, source = self.verb.domain.chart, other.verb.domain.chart
@@ -346,23 +299,21 @@ class Characters(CharacterPool):
         shown = self.crowd.shown[slot] = to.points(source.adverbs(at))[0]
         self.crowd.velocity[slot] = (to.points(source.adverbs(at + instant * velocity))[0] - shown) / instant
 
-    def _stand(self, slot: int, at: tuple[float, float, float]) -> None:
-        """Put a character's next frame at a position (x, z, heading)."""
-        row = self.state[slot]
-        row["x"] = row["z"] = row["heading"] = 0.0
-        first = self._ahead(np.array([slot]))[0, 0]
-        turn = 0.0 if self.striding else transition.heading(first[3:7])
-        row["x"], row["z"], row["heading"] = transition.aligned(at, np.array([first[0], first[2], turn]))
-
-    def _restart(self, slots: I64, step_s: float) -> None:
-        """Let motions that started over pass from their progress to their starts, a jump from where it led."""
-        self.state["step_s"][slots] = step_s
-        enter = slots[self.state["held"][slots] < 0]
-        self._hold(enter, self._displayed(enter))
-        if self.verb.measure.kind == measures.JUMP:
-            for slot in slots.tolist():
-                self._stand(slot, self.world(slot))
-        _restart(slots, self.state, self.stored.frames, self.stored.offsets, self._ahead(slots), RESTART_S)
+    def _keep_feet(self, slot: int, other: Characters, whose: int, displayed: F64 | None) -> None:
+        """Let the feet of a character stand where those of another stand, in a transition where they are displayed."""
+        ours, theirs = self.planting.joints.tolist(), other.planting.joints.tolist()
+        if other.state["footed"][whose] == 0.0 or not set(ours) & set(theirs):
+            return
+        for foot, joint in enumerate(ours):
+            if joint in theirs:
+                source = theirs.index(joint)
+                self.crowd.feet[slot, foot] = other.crowd.feet[whose, source]
+                self.crowd.commands[slot, :, foot] = other.crowd.commands[whose, :, source]
+            else:
+                self.crowd.feet[slot, foot] = np.zeros((), FOOT)
+        self.state["footed"][slot] = 1.0
+        if displayed is not None:
+            self._release_feet(slot, displayed)
 
     def _begin(self, slot: int, ahead: F64, transition_s: float) -> None:
         """Start a transition from the stored frames to the two of the motion that is ahead."""
@@ -373,61 +324,3 @@ class Characters(CharacterPool):
             inertialization.begin(row["step_s"], frames, ahead, offsets)
         else:
             frames[:] = ahead[0]
-
-    def _displayed(self, slots: I64) -> F64:
-        """The last two frames (n, 2, 3 + 4·J), latest last; zeros before the first."""
-        frames = np.zeros((len(slots), 2, 3 + 4 * len(self.verb.skeleton)))
-        held, known = self.state["held"][slots], self.crowd.known[slots] > 0
-        stored = held >= 0
-        frames[stored] = self.stored.frames[held[stored]]
-        if len(again := np.flatnonzero(~stored & known)):
-            found = frames[again]
-            _redisplay(slots[again], self.crowd, self.curves, self.striding, found)
-            frames[again] = found
-        return frames
-
-    def _ahead(self, slots: I64, *, passing: bool = False) -> F64:
-        """Poses of characters now, and a step on (B, 2, 3 + 4·J); without their transitions unless ``passing``.
-
-        Their last steps were of the same length.
-        """
-        size, rows = len(slots), np.arange(len(slots))
-        crowd = Crowd._make(column[slots] for column in self.crowd)
-        state, held = crowd.state, crowd.state["held"].copy()
-        step_s = float(state["step_s"][0])
-        frames, offsets = (np.zeros((size, *whole.shape[1:])) for whole in (self.stored.frames, self.stored.offsets))
-        offsets[held >= 0] = self.stored.offsets[held[held >= 0]]
-        state["transition_s"] *= passing
-        state["fresh"] = 2.0 * (state["fresh"] > 0)  # both frames are steps, the first of 0 s
-        state["held"] = rows
-        for step in (0.0, step_s):
-            frame, _ = self._move(crowd, rows, step)
-            self._pose(crowd, rows, step, (offsets, frames), frame.progress, frame.error)
-        return frames
-
-    def _pose(
-        self, crowd: Crowd, slots: I64, step_s: float, stored: tuple[F64, F64], progress: Records, error: F64
-    ) -> tuple[F64, F64, F64]:
-        """Weights (B, N), roots (B, 3) and rotations (B, J, 4) in the world of characters with stored frames.
-
-        ``stored`` are their offsets and frames. Where they follow a goal, the error (B,) becomes that of the pose.
-        """
-        state = crowd.state
-        weights = crowd.weights[slots, state["weights"][slots]]
-        if self._following:
-            goal, adverbs = self.evaluator.goal, self.verb.domain.chart.adverbs(crowd.shown[slots])
-            targets = goal.points(self.evaluator.clamp(adverbs)[0]), goal.points(adverbs)
-            _follow(slots, step_s, state, targets, weights, error, self._following)
-        if self.striding:
-            _walk(slots, state, weights, self.verb.strides, progress)
-        root, rotations = np.empty((len(slots), 3)), np.empty((len(slots), len(self.verb.skeleton), 4))
-        blend_poses(weights, np.ascontiguousarray(progress["phase"]), self.curves, root, rotations)
-        _apply(slots, step_s, state, *stored, self.striding, root, rotations)
-        return weights, root, rotations
-
-
-def _follow_problem(method: Corrected, window: tuple[float, float]) -> FollowProblem:
-    """Everything that :func:`verbs.kernels.following.follow` needs of a verb."""
-    verb, chain = method.goal.verb, method.goal.chain
-    joints = verb.skeleton.chain(verb.measure.effector)[:-1]
-    return FollowProblem(*window, verb.curves, joints, method.correction, chain.mode, chain.references, chain.offsets)

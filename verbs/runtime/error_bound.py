@@ -76,7 +76,7 @@ def polish(evaluator: Evaluator, blend: Blend, adverbs: F64, *, limit_rad: float
     """
     verb, goal = evaluator.verb, evaluator.goal
     chain = verb.skeleton.chain(verb.measure.effector)[:-1]
-    at_keytime = evaluator.pose_of(blend, phase=float(verb.phases[verb.measure.keytime]))
+    at_keytime = evaluator.pose_of(blend, phase=float(verb.phases[verb.measure.keytime]), plant=False)
     locals_ = np.ascontiguousarray(at_keytime.rotations[0, chain])
     vectors, target = np.empty((len(chain), 3)), goal.points(adverbs)[0]
     polish_kernel(at_keytime.root[0], locals_, goal.chain.offsets, target, limit_rad, DAMPING_M2, vectors)

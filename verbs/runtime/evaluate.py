@@ -25,9 +25,12 @@ from verbs.kernels.columns import BATCH
 from verbs.kernels.compile import direct
 from verbs.kernels.corrected_position import Blended, PositionProblem, corrected_position
 from verbs.kernels.crowd_pose import blend_sorted, curves_of
+from verbs.kernels.legs import COMMAND, plant_poses
 from verbs.kernels.position_batch import corrected_position_batch
 from verbs.kernels.single_pose import single_pose
+from verbs.kernels.stances import plan
 from verbs.runtime.follow import follow_window
+from verbs.runtime.planting import Planting, planting_of
 from verbs.runtime.support import Support
 from verbs.verb import Verb
 
@@ -36,6 +39,7 @@ __all__ = ["Blend", "Evaluator", "Poses"]
 _clamp, _resolve = direct(charts.clamp), direct(timing.resolve)
 _corrected_position, _corrected_position_batch = direct(corrected_position), direct(corrected_position_batch)
 blend_poses, _single_pose = direct(blend_sorted), direct(single_pose)
+_plan, _plant_poses = direct(plan), direct(plant_poses)
 
 MAX_CYCLES, MAX_TIME_S = 1_000.0, 3_600.0
 """Largest phase of a looping motion, in cycles, and largest time of a pose."""
@@ -129,11 +133,16 @@ class Evaluator:
         self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
         self._support: Support | None = None
         self.follow_window = lru_cache(maxsize=1)(self._follow_window)
+        self.planting = lru_cache(maxsize=1)(self._planting)
 
     def method(self, name: str | None = None) -> tuple[str, methods.Method]:
         """A method by name, prepared once; None takes the verb's default."""
         chosen = name or self._default
         return chosen, self._method(chosen)
+
+    def _planting(self) -> Planting:
+        """The feet, prepared once; none where the verb has no contacts."""
+        return planting_of(self.verb)
 
     def _follow_window(self) -> tuple[float, float] | None:
         """Phases (from, to) at which a paused pose can follow its goal; None where none can."""
@@ -268,6 +277,7 @@ class Evaluator:
         phase: float | F64 | None = None,
         time_s: float | F64 | None = None,
         method: str | None = None,
+        plant: bool = True,
     ) -> Poses:
         """Poses at adverbs, at a phase or a time (the start where neither is given).
 
@@ -279,6 +289,8 @@ class Evaluator:
         time_s : float or (B,) array, optional
             Seconds from the start; past the end of a motion its last pose.
         method : str, optional
+        plant : bool
+            Whether standing feet are held where they landed, and nothing of a foot is below the ground.
 
         Raises
         ------
@@ -286,15 +298,22 @@ class Evaluator:
             See :meth:`adverbs`; or both a phase and a time are given, or one is out of range.
         """
         rows = self.check(adverbs) if isinstance(adverbs, np.ndarray) else self.adverbs(adverbs)
-        return self.pose_of(self._blend(rows, method), phase=phase, time_s=time_s)
+        return self.pose_of(self._blend(rows, method), phase=phase, time_s=time_s, plant=plant)
 
-    def pose_of(self, blend: Blend, *, phase: float | F64 | None = None, time_s: float | F64 | None = None) -> Poses:
-        """Poses of a blend (B rows, or one row for several phases)."""
+    def pose_of(
+        self,
+        blend: Blend,
+        *,
+        phase: float | F64 | None = None,
+        time_s: float | F64 | None = None,
+        plant: bool = True,
+    ) -> Poses:
+        """Poses of a blend (B rows, or one row for several phases); see :meth:`pose`."""
         if phase is not None and time_s is not None:
             raise RequestError("give a phase or a time, not both")
         given = time_s if time_s is not None else 0.0 if phase is None else phase
         if isinstance(given, float) and len(blend.weights) == 1 and self.verb.root_motion != kernels.STRIDE:
-            return self._pose_one(blend, given, given_time=time_s is not None)
+            return self._pose_one(blend, given, given_time=time_s is not None, plant=plant)
         at = np.atleast_1d(np.asarray(given, np.float64))
         self._check_instant(at, given_time=time_s is not None)
         weights = blend.weights
@@ -312,6 +331,8 @@ class Evaluator:
         root, rotations = np.empty((size, 3)), np.empty((size, len(verb.skeleton), 4))
         local = phases % 1.0 if verb.looping else phases
         blend_poses(weights, local, self.curves, root, rotations)
+        if plant:
+            self._plant(weights, phases, found.rate, root, rotations)
         velocity = None
         if verb.root_motion == kernels.STRIDE:
             velocity = np.empty((size, 3))
@@ -319,7 +340,15 @@ class Evaluator:
             kernels.travel(weights, verb.strides, phases, verb.looping, one_walk, root, rotations)
         return Poses(blend, phases, found.time_s, found.duration_s, root, rotations, velocity)
 
-    def _pose_one(self, blend: Blend, at: float, *, given_time: bool) -> Poses:
+    def _plant(self, weights: F64, phases: F64, rates: F64, root: F64, rotations: F64) -> None:
+        """Plant the feet of poses (B, 3), (B, J, 4), which have not travelled yet."""
+        planting = self.planting()
+        if len(planting.joints):
+            commands = np.empty((len(root), len(planting.joints), len(COMMAND)))
+            _plan(weights, phases, rates, planting.plants, commands)
+            _plant_poses(root, rotations, commands, planting.legs)
+
+    def _pose_one(self, blend: Blend, at: float, *, given_time: bool, plant: bool) -> Poses:
         """The fast path: :meth:`pose_of` for one pose of a verb whose root does not stride."""
         instant = np.array([at])
         if not 0.0 <= at <= self._latest(given_time=given_time):
@@ -327,6 +356,8 @@ class Evaluator:
         found = timing.instants(1)
         root, rotations = np.empty((1, 3)), np.empty((1, len(self.verb.skeleton), 4))
         _single_pose(blend.weights, self.goal.clock, instant, given_time, self.curves, found, root, rotations)
+        if plant:
+            self._plant(blend.weights, found.phase, found.rate, root, rotations)
         return Poses(blend, found.phase, found.time_s, found.duration_s, root, rotations, None)
 
     def _latest(self, *, given_time: bool) -> float:

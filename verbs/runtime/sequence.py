@@ -11,7 +11,10 @@ from verbs.conventions import F64, MAX_FRAMES
 from verbs.errors import OutOfRange, RequestError
 from verbs.kernels import pose as kernels
 from verbs.kernels import timewarp, timing
+from verbs.kernels.character_state import CHARACTER
 from verbs.kernels.compile import kernel
+from verbs.kernels.feet import FOOT, hold_track
+from verbs.kernels.legs import COMMAND, plant_poses
 from verbs.kernels.timewarp import Clock
 from verbs.motion import Motion
 from verbs.runtime.evaluate import Blend, Evaluator, Poses, blend_poses
@@ -42,6 +45,7 @@ def sequence(
     cycles: int = 1,
     method: str | None = None,
     max_frames: int = MAX_FRAMES,
+    plant: bool = True,
 ) -> Poses:
     """A whole motion at constant adverbs (1, D): frames at 0, 1/fps, … up to the end.
 
@@ -58,6 +62,8 @@ def sequence(
     method : str, optional
     max_frames : int
         A longer motion is refused.
+    plant : bool
+        Whether standing feet stay where they landed.
 
     Returns
     -------
@@ -73,11 +79,11 @@ def sequence(
     blend = evaluator.blend(adverbs, method=method)
     if len(blend.weights) != 1:
         raise OutOfRange(f"a sequence has one set of adverbs, not {len(blend.weights)}; give a track instead")
-    duration = float(evaluator.pose_of(blend, phase=0.0).duration_s[0]) * cycles
+    duration = float(evaluator.pose_of(blend, phase=0.0, plant=False).duration_s[0]) * cycles
     frames = math.floor(duration * fps + _SLACK) + 1
     if frames > max_frames:
         raise OutOfRange(f"{duration:.2f} s at {fps:g} fps are {frames} frames; at most {max_frames} are allowed")
-    return evaluator.pose_of(blend, time_s=np.arange(frames) / fps)
+    return evaluator.pose_of(blend, time_s=np.arange(frames) / fps, plant=plant)
 
 
 def tracked(
@@ -89,6 +95,7 @@ def tracked(
     cycles: int = 1,
     method: str | None = None,
     max_frames: int = MAX_FRAMES,
+    plant: bool = True,
 ) -> Poses:
     """A whole motion whose adverbs change during it.
 
@@ -103,7 +110,7 @@ def tracked(
         Seconds, rising.
     rows : (T, D) float64
         Adverbs at these times.
-    fps, cycles, method, max_frames
+    fps, cycles, method, max_frames, plant
         As in :func:`sequence`.
 
     Returns
@@ -124,7 +131,7 @@ def tracked(
         raise OutOfRange("a track's times must be finite and rise from point to point")
     phases = _phases(evaluator, times, rows, fps, cycles, method, max_frames)
     at = np.arange(len(phases)) / fps
-    return _placed(evaluator, evaluator.blend(_along(times, rows, at), method=method), phases, at)
+    return _placed(evaluator, evaluator.blend(_along(times, rows, at), method=method), phases, at, plant=plant)
 
 
 def events(evaluator: Evaluator, poses: Poses) -> list[Event]:
@@ -193,7 +200,7 @@ def _phases(
         phase = float(piece[-1])
 
 
-def _placed(evaluator: Evaluator, blend: Blend, phases: F64, at: F64) -> Poses:
+def _placed(evaluator: Evaluator, blend: Blend, phases: F64, at: F64, *, plant: bool) -> Poses:
     """Poses of one blend per frame; a striding root walks on from frame to frame."""
     verb, size = evaluator.verb, len(phases)
     local = phases % 1.0 if verb.looping else phases
@@ -206,7 +213,27 @@ def _placed(evaluator: Evaluator, blend: Blend, phases: F64, at: F64) -> Poses:
         velocity = np.empty((size, 3))
         timing.velocities(blend.weights, verb.strides, phases, found.rate, verb.looping, velocity)
         kernels.travel(blend.weights, verb.strides, phases, verb.looping, True, root, rotations)
+    if plant:
+        _plant(evaluator, blend, phases, at, found.rate, root, rotations)
     return Poses(blend, phases, at, found.duration_s, root, rotations, velocity)
+
+
+def _plant(evaluator: Evaluator, blend: Blend, phases: F64, at: F64, rates: F64, root: F64, rotations: F64) -> None:
+    """Plant the feet of the frames of a motion whose weights change; poses are in the world."""
+    planting, verb, size = evaluator.planting(), evaluator.verb, len(phases)
+    feet = len(planting.joints)
+    if not feet:
+        return
+    places = np.zeros((size, 4))
+    if verb.root_motion == kernels.STRIDE:
+        places = kernels.travelled(blend.weights, verb.strides, phases, looping=verb.looping)
+    commands = np.empty((size, feet, len(COMMAND)))
+    step_s = float(at[1] - at[0]) if size > 1 else 1.0
+    hold_track(
+        blend.weights, phases, rates, places, step_s, planting.plants, np.zeros(1, CHARACTER), np.zeros(feet, FOOT),
+        commands,
+    )  # fmt: skip
+    plant_poses(root, rotations, commands, planting.legs)
 
 
 @kernel

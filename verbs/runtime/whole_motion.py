@@ -29,14 +29,16 @@ def one_of(blend: Blend, k: int) -> Blend:
     return Blend(blend.method, blend.weights[at], blend.measured[at], blend.error[at], blend.clamped[at])
 
 
-def sampled(evaluator: Evaluator, blend: Blend) -> tuple[F64, F64]:
+def sampled(evaluator: Evaluator, blend: Blend, *, plant: bool = False) -> tuple[F64, F64]:
     """Canonical time (F,) and joint positions (F, J, 3), metres, of a whole motion, or three cycles, at 60 Hz."""
-    phases, _, positions = sampled_rotations(evaluator, blend)
+    phases, _, positions = sampled_rotations(evaluator, blend, plant=plant)
     return phases, positions
 
 
-def sampled_rotations(evaluator: Evaluator, blend: Blend) -> tuple[F64, F64, F64]:
+def sampled_rotations(evaluator: Evaluator, blend: Blend, *, plant: bool = False) -> tuple[F64, F64, F64]:
     """Canonical time (F,), global rotations (F, J, 4) and positions (F, J, 3) of what :func:`sampled` samples."""
-    length = float(evaluator.pose_of(blend, phase=0.0).duration_s[0]) * (CYCLES if evaluator.verb.looping else 1)
-    poses = evaluator.pose_of(blend, time_s=np.arange(max(1, int(length * RATE_HZ + 1e-6)) + 1) / RATE_HZ)
+    cycle = float(evaluator.pose_of(blend, phase=0.0, plant=False).duration_s[0])
+    length = cycle * (CYCLES if evaluator.verb.looping else 1)
+    times = np.arange(max(1, int(length * RATE_HZ + 1e-6)) + 1) / RATE_HZ
+    poses = evaluator.pose_of(blend, time_s=times, plant=plant)
     return poses.phase, *evaluator.positions(poses)

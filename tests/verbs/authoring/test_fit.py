@@ -113,7 +113,7 @@ def test_mocap_examples_come_back_at_their_adverbs(mocap, verb_of, name):
         if verb.looping:
             rotations[-1] = rotations[0]  # the file's last frame is its first, rounded once more
         rotations = quat.normalize(CubicSpline(frames, rotations, bc_type=bend)(marks))
-        poses = evaluator.pose(verb.values[i : i + 1], phase=verb.phases[kept])
+        poses = evaluator.pose(verb.values[i : i + 1], phase=verb.phases[kept], plant=False)
         assert poses.blend.weights[0].sum() == pytest.approx(1.0, abs=1e-12)
         difference = quat.mul(quat.conjugate(poses.rotations), rotations)
         if verb.looping:  # steps of the walk and the turning at a mean rate are checked whole, below
@@ -132,7 +132,7 @@ def test_bvh_to_verb_to_bvh_keeps_every_joint_within_a_millimetre(mocap, verb_of
     evaluator, source = Evaluator(verb), read(mocap / name)
     for i in range(0, len(source.examples), 4):
         motion = bvh.read(source.examples[i].file)
-        poses = sequence(evaluator, verb.values[i : i + 1], motion.fps)
+        poses = sequence(evaluator, verb.values[i : i + 1], motion.fps, plant=False)
         bvh.write(to_motion(evaluator, poses, motion.fps), tmp_path / "out.bvh")
         back = bvh.read(tmp_path / "out.bvh")
         count = min(len(back), len(motion))

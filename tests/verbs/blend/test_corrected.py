@@ -171,7 +171,9 @@ def test_sign_of_a_quaternion_does_not_matter(tmp_path):
     marks = np.array([[0.0, 0.5 * motion.duration_s, motion.duration_s] for motion in motions])
     phases, intervals = curves.canonical_phases(marks, 60.0)
     fits = [
-        curves.fit(some, ["a"] * 5, marks, phases, intervals, looping=False, root_motion=0, rotation_mode=0)
+        curves.fit(
+            some, ["a"] * 5, marks, phases, intervals, looping=False, climbing=False, root_motion=0, rotation_mode=0
+        )
         for some in (motions, flipped)
     ]
     np.testing.assert_allclose(np.abs(fits[0].curves), np.abs(fits[1].curves), atol=1e-7)

@@ -5,23 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
+from tests.verbs.crowds import crowd_of
 from verbs.kernels import character_state
-from verbs.kernels.character_state import Advanced, Crowd
+from verbs.kernels.character_state import Advanced
 from verbs.kernels.chart import IDENTITY, ChartArrays
 from verbs.kernels.corrected_position import Blended
 from verbs.kernels.following import NO_WINDOW
 from verbs.kernels.timewarp import Clock
 
 RATE = 1.6783469900166605  # (1 + x) · exp(-x) is one half here
-
-
-def crowd_of(count, *, dims=1, examples=1, keytimes=3):
-    """Characters that are known and have no stored frames; everything else is zero."""
-    state = np.zeros(count, character_state.CHARACTER)
-    state["held"] = -1
-    points, times, ends = np.zeros((5, count, dims)), np.zeros((2, count, keytimes)), np.zeros((2, count))
-    known, weights = np.ones(count, np.int64), np.zeros((count, 3, examples))
-    return Crowd(state, known, *points, weights, *times, np.zeros((count, 0)), *ends)
 
 
 def plain_chart(dims):

@@ -4,8 +4,9 @@ import itertools
 
 import numpy as np
 
+from tests.verbs.crowds import NO_LEGS, crowd_of
 from tests.verbs.sources import SKELETON
-from verbs.kernels import character_state, inertialization, quat
+from verbs.kernels import inertialization, quat
 
 
 def test_what_is_left_starts_as_it_was_ends_at_rest_and_is_never_pushed_hard():
@@ -38,11 +39,9 @@ def passed_over(step_s: float, length: float = 0.3):
     rng = np.random.default_rng(3)
     source, target = turning(rng, len(SKELETON)), turning(rng, len(SKELETON))
     slot, width = np.zeros(1, np.int64), 3 + 4 * len(SKELETON)
-    state, last, offsets = (
-        np.zeros(1, character_state.CHARACTER),
-        np.zeros((1, 2, width)),
-        np.zeros((1, 2, width - len(SKELETON))),
-    )
+    crowd, last, offsets = crowd_of(1), np.zeros((1, 2, width)), np.zeros((1, 2, width - len(SKELETON)))
+    state = crowd.state
+    state["held"] = 0
     frames = []
     before, after = round(0.1 / step_s), round((length + 0.1) / step_s)
     for k in range(-before, after):
@@ -51,7 +50,7 @@ def passed_over(step_s: float, length: float = 0.3):
             inertialization.begin(step_s, last[0], ahead, offsets[0])
             state["since_s"], state["transition_s"] = 0.0, length
         root, rotations = (source if k <= 0 else target)(k * step_s)
-        inertialization.apply(slot, step_s, state, offsets, last, False, root, rotations)
+        inertialization.apply(slot, step_s, crowd, offsets, last, False, NO_LEGS, root, rotations)
         frames.append(last[0, 1].copy())
     assert state["transition_s"][0] == 0.0
     np.testing.assert_allclose(frames[-1], np.append(*(part.ravel() for part in target((after - 1) * step_s))))
@@ -99,10 +98,12 @@ def test_a_step_back_is_as_long_as_the_one_ahead():
 
 def test_where_a_character_appears_it_does_not_move():
     """Else a switch right after a seek would carry on the leap."""
-    state, last = np.zeros(1, character_state.CHARACTER), np.full((1, 2, 7), 9.0)
-    state["fresh"][0] = 1.0
+    crowd, last = crowd_of(1), np.full((1, 2, 7), 9.0)
+    state = crowd.state
+    state["fresh"][0], state["held"][0] = 1.0, 0
     root, rotations = np.array([[1.0, 2.0, 3.0]]), np.array([[[0.0, 0.0, 0.0, 1.0]]])
-    inertialization.apply(np.zeros(1, np.int64), 0.1, state, np.zeros((1, 2, 6)), last, False, root, rotations)
+    offsets = np.zeros((1, 2, 6))
+    inertialization.apply(np.zeros(1, np.int64), 0.1, crowd, offsets, last, False, NO_LEGS, root, rotations)
     np.testing.assert_array_equal(last[0, 0], last[0, 1])
     assert state["step_s"][0] == 0.1
     assert state["fresh"][0] == 0.0

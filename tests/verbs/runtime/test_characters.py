@@ -76,8 +76,8 @@ def test_phases_go_on_as_in_a_sequence(characters_of, name, fps):
     """And a loop's root walks on as there, cycle by cycle."""
     people = characters_of(name)
     row = WALK if name == "locomotion" else mixes(people, 1, 3)[0]
-    poses = sequence(people.evaluator, row[None], fps, cycles=3 if people.verb.looping else 1)
-    slot = people.add(row)
+    poses = sequence(people.evaluator, row[None], fps, cycles=3 if people.verb.looping else 1, plant=False)
+    slot = people.add(row, plant=False)
     root, rotations, frames = play(people, slot, len(poses.phase), step_s=1 / fps)
     phases = np.array([frame.progress["phase"][0] for frame in frames])
     expected = poses.phase % 1.0 if people.verb.looping else poses.phase
@@ -89,7 +89,7 @@ def test_phases_go_on_as_in_a_sequence(characters_of, name, fps):
 
 def test_the_way_back_undoes_the_way_there(characters_of):
     people = characters_of("locomotion")
-    slot = people.add(WALK)
+    slot = people.add(WALK, plant=False)
     root, rotations, _ = play(people, slot, 200)
     people.set(slot, speed=-1.0)
     back, turns, _ = play(people, slot, 199)
@@ -172,11 +172,13 @@ def test_a_jump_that_starts_over_goes_on_from_where_it_led(characters_of):
 
 def test_many_cycles_in_a_step(characters_of):
     people = characters_of("locomotion")
-    slot = people.add(WALK, speed=10.0)
-    root, rotations, _ = play(people, slot, 4, step_s=1.0)
-    poses = people.evaluator.pose_of(people.evaluator.blend(WALK[None]), time_s=np.array([0.0, 10.0, 20.0, 30.0]))
-    np.testing.assert_allclose(root[:, 0], poses.root, atol=SINGLE)
-    people.remove(slot)
+    times = np.array([0.0, 10.0, 20.0, 30.0])
+    for plant, within in ((False, SINGLE), (True, 2e-3)):
+        slot = people.add(WALK, speed=10.0, plant=plant)
+        root, rotations, _ = play(people, slot, 4, step_s=1.0)
+        poses = people.evaluator.pose_of(people.evaluator.blend(WALK[None]), time_s=times, plant=plant)
+        np.testing.assert_allclose(root[:, 0], poses.root, atol=within)
+        people.remove(slot)
     people = characters_of("punch")
     slot = people.add(speed=-10.0, looping=True)
     root, rotations, _ = play(people, slot, 10, step_s=1.0)
@@ -216,7 +218,7 @@ def test_a_path_between_goals_stays_in_the_domain(characters_of, name):
 def test_who_has_settled_is_not_blended_again(characters_of, monkeypatch):
     people = characters_of("punch")
     start, goal = mixes(people, 2, 7)
-    slot = people.add(start)
+    slot = people.add(start, plant=False)
     people.aim(slot, people.row(goal))
     play(people, slot, 120)
     monkeypatch.setattr(people.evaluator, "blend", None)  # calls fail
@@ -224,7 +226,7 @@ def test_who_has_settled_is_not_blended_again(characters_of, monkeypatch):
     monkeypatch.undo()
     chart = people.verb.domain.chart
     settled = chart.adverbs(chart.points(goal[None]))
-    fresh = people.evaluator.pose(settled, phase=float(frame.progress["phase"][0]))
+    fresh = people.evaluator.pose(settled, phase=float(frame.progress["phase"][0]), plant=False)
     np.testing.assert_array_equal(frame.blend.weights, fresh.blend.weights)
     np.testing.assert_array_equal(frame.blend.error, fresh.blend.error)
     np.testing.assert_allclose(rotations[0], fresh.rotations, atol=SINGLE)

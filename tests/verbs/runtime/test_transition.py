@@ -9,7 +9,7 @@ import pytest
 from tests.verbs.living import FPS, STEP_S, accelerations, joints, own_peak, play
 from verbs import Characters, Evaluator, library
 from verbs.errors import OutOfRange, SkeletonMismatch
-from verbs.runtime.transition import aligned, check_skeletons, heading, start_phase
+from verbs.runtime.transition import CANDIDATES, LONGEST_S, aligned, check_skeletons, corresponding_phase, heading
 from verbs.skeleton import Skeleton
 
 GAITS = {"walk": (1.2, 0.0, 0.0), "jog": (2.2, 0.0, 0.0), "run": (3.5, 0.0, 0.0)}
@@ -23,7 +23,7 @@ def two_of(people: Characters) -> np.ndarray:
     return people.verb.values[[0, len(people.verb.values) // 2]]
 
 
-def through(stages, *, transition_s: float = 0.3) -> tuple[np.ndarray, float]:
+def through(stages, *, transition_s: float | None = 0.3, plant: bool = False) -> tuple[np.ndarray, float]:
     """Places (F, B, J, 3) around switches, on the last skeleton, and the largest own peak of the verbs.
 
     ``stages`` are (people, rows (B, D), phases (B,) or None, frames shown).
@@ -33,7 +33,7 @@ def through(stages, *, transition_s: float = 0.3) -> tuple[np.ndarray, float]:
     for people, rows, phases, frames in stages:
         starts = [None] * len(rows) if phases is None else [float(phase) for phase in phases]
         if before is None:
-            slots = [people.add(row, phase=phase or 0.0) for row, phase in zip(rows, starts, strict=True)]
+            slots = [people.add(row, phase=phase or 0.0, plant=plant) for row, phase in zip(rows, starts, strict=True)]
         else:
             were = slots
             slots = [
@@ -52,9 +52,9 @@ def through(stages, *, transition_s: float = 0.3) -> tuple[np.ndarray, float]:
     return np.concatenate(shown), peak
 
 
-def ratios(stages, *, transition_s: float = 0.3) -> np.ndarray:
+def ratios(stages, **options) -> np.ndarray:
     """Largest joint acceleration from the first seam to the end, over the largest own peak (B,)."""
-    places, peaks = through(stages, transition_s=transition_s)
+    places, peaks = through(stages, **options)
     return accelerations(places)[1:].max(axis=(0, 2)) / peaks
 
 
@@ -94,12 +94,25 @@ def mid(characters_of, source: str, target: str, starts, ends, **options) -> np.
         pairs = list(itertools.product(starts, ends))
         phases = None if ends == [None] else [end for _, end in pairs]
         first = (one, np.tile(row, (len(pairs), 1)), [start for start, _ in pairs], 4)
-        frames = round(options.get("transition_s", 0.3) * FPS) + 1
+        frames = round((options.get("transition_s", 0.3) or LONGEST_S) * FPS) + 1
         out.append(ratios([first, (other, np.tile(goal, (len(pairs), 1)), phases, frames)], **options))
     return np.concatenate(out)
 
 
-HARD = {("kick", "locomotion"): 1.6, ("kick", "reach"): 1.5, ("jump", "punch"): 1.35, ("reach", "kick"): 1.3}
+@pytest.mark.parametrize(("source", "target"), [*itertools.permutations(DONE, 2)])
+def test_a_transition_chooses_its_length(characters_of, source, target):
+    """Where 0.3 s is too little it takes more; a punch from a jump's fastest instant has its limit in the punch."""
+    got = mid(characters_of, source, target, [0.3, 0.5, 0.7], [0.0, 0.3, 0.5], transition_s=None)
+    assert got.max() <= (1.3 if (source, target) == ("jump", "punch") else 1.2)
+
+
+@pytest.mark.parametrize("source", DONE)
+def test_a_walk_that_follows_is_no_harder_than_the_verbs(characters_of, source):
+    got = mid(characters_of, source, "locomotion", [0.2, 0.4, 0.5, 0.6, 0.7, 0.8], [None], transition_s=None)
+    assert got.max() <= 1.2
+
+
+HARD = {("kick", "reach"): 1.5, ("jump", "punch"): 1.35, ("reach", "kick"): 1.3}
 """What was measured where 1.2 is not kept: a kick's leg is to stand, a calm verb's is to be where a kick has it, or
 arms are overhead in mid-jump, 2.6 rad from where they are to be. No way over x₀ within T takes less than 4 x₀ / T² and
 x₀ / T; ours takes 4.76 and 1.43, and 0.3 s is then too little."""
@@ -112,19 +125,11 @@ def test_from_the_middle_of_one_verb_into_another(characters_of, source, target)
     assert got.max() <= HARD.get((source, target), 1.2)
 
 
-@pytest.mark.parametrize("source", DONE)
-def test_from_the_middle_of_a_verb_into_walking_on(characters_of, source):
-    got = mid(characters_of, source, "locomotion", [0.2, 0.4, 0.5, 0.6, 0.7, 0.8], [None])
-    assert np.median(got) <= 1.0
-    assert got.max() <= HARD.get((source, "locomotion"), 1.2)
-
-
 def test_more_time_makes_it_calmer(characters_of):
     """Half a second is enough for all but a punch that is begun in its fastest moment with the arms elsewhere."""
     for pair in HARD:
-        if "locomotion" not in pair:
-            got = mid(characters_of, *pair, [0.3, 0.5, 0.7], [0.0, 0.3, 0.5], transition_s=0.5)
-            assert got.max() <= (1.4 if pair == ("jump", "punch") else 1.2), pair
+        got = mid(characters_of, *pair, [0.3, 0.5, 0.7], [0.0, 0.3, 0.5], transition_s=0.5)
+        assert got.max() <= (1.4 if pair == ("jump", "punch") else 1.2), pair
 
 
 @pytest.mark.parametrize(
@@ -153,7 +158,7 @@ def test_positions_and_velocities_do_not_jump(characters_of, source, target):
     row = np.array(GAITS["run"]) if source == "locomotion" else two_of(characters_of(source))[0]
     for step_s in (1 / 120, 1 / 240, 1 / 480):
         one, other = characters_of(source), characters_of(target)
-        slot = one.add(row, phase=0.45)
+        slot = one.add(row, phase=0.45, plant=False)
         root, rotations, _ = play(one, slot, 4, step_s=step_s)
         new = other.go_on(one, slot, GAITS["run"] if target == "locomotion" else two_of(other)[1])
         after = play(other, new, round(0.4 / step_s), step_s=step_s)[:2]
@@ -222,13 +227,13 @@ def people_floor(people: Characters, row, toes) -> float:
 
 def test_no_time_is_a_cut(characters_of):
     walk, punch = characters_of("locomotion"), characters_of("punch")
-    slot = walk.add(np.array(GAITS["run"]))
+    slot = walk.add(np.array(GAITS["run"]), plant=False)
     play(walk, slot, 20)
     new = punch.go_on(walk, slot, two_of(punch)[0], transition_s=0.0)
     x, z, turn = walk.world(slot)
     root, rotations, (frame,) = play(punch, new, 1)
     assert not frame.in_transition[0]
-    pose = punch.evaluator.pose(two_of(punch)[:1], time_s=STEP_S)
+    pose = punch.evaluator.pose(two_of(punch)[:1], time_s=STEP_S, plant=False)
     np.testing.assert_allclose(
         rotations[0, 0, 1:], pose.rotations[0, 1:], atol=2e-6
     )  # live poses are summed in single precision
@@ -244,7 +249,7 @@ def test_no_time_is_a_cut(characters_of):
 
 def test_a_switch_right_after_a_seek_does_not_carry_on_the_leap(characters_of):
     kick, punch = characters_of("kick"), characters_of("punch")
-    slot = kick.add(two_of(kick)[0])
+    slot = kick.add(two_of(kick)[0], plant=False)
     play(kick, slot, 5)
     kick.set(slot, phase=0.5)
     play(kick, slot, 1)
@@ -295,29 +300,54 @@ def looped(verb, names, phases):
 def test_loops_meet_at_the_keytimes_that_they_share(characters_of):
     walk = characters_of("locomotion").verb
     for phase in (0.0, 0.1, 0.3, 0.9):
-        assert start_phase(walk, phase, walk) == pytest.approx(phase)
+        assert corresponding_phase(walk, phase, walk) == pytest.approx(phase)
     a = looped(walk, ("left", "right", "end"), [0.0, 0.5, 1.0])
     b = looped(walk, ("right", "left", "end"), [0.0, 0.6, 1.0])
-    assert start_phase(a, 0.0, b) == pytest.approx(0.6)
-    assert start_phase(a, 0.5, b) == pytest.approx(0.0)
-    assert start_phase(a, 0.25, b) == pytest.approx(0.8)
-    assert start_phase(a, 0.75, b) == pytest.approx(0.3)
+    assert corresponding_phase(a, 0.0, b) == pytest.approx(0.6)
+    assert corresponding_phase(a, 0.5, b) == pytest.approx(0.0)
+    assert corresponding_phase(a, 0.25, b) == pytest.approx(0.8)
+    assert corresponding_phase(a, 0.75, b) == pytest.approx(0.3)
     for phase in np.linspace(0, 0.99, 12):
-        assert start_phase(b, start_phase(a, phase, b), a) == pytest.approx(phase)
+        assert corresponding_phase(b, corresponding_phase(a, phase, b), a) == pytest.approx(phase)
     c = looped(walk, ("left", "flight", "end"), [0.2, 0.6, 1.0])
-    assert start_phase(a, 0.4, c) == pytest.approx(0.6)  # one is shared: as far from it
+    assert corresponding_phase(a, 0.4, c) == pytest.approx(0.6)  # one is shared: as far from it
     d = looped(walk, ("right", "left", "third", "end"), [0.0, 0.3, 0.6, 1.0])
     e = looped(walk, ("left", "right", "third", "end"), [0.1, 0.3, 0.6, 1.0])
-    assert 0.0 <= start_phase(d, 0.5, e) < 1.0  # another order: only the first counts
-    assert start_phase(d, 0.0, e) == pytest.approx(0.3)
+    assert 0.0 <= corresponding_phase(d, 0.5, e) < 1.0  # another order: only the first counts
+    assert corresponding_phase(d, 0.0, e) == pytest.approx(0.3)
 
 
-def test_others_start_at_their_start(characters_of):
+def test_others_have_no_phase_that_corresponds(characters_of):
     walk, punch = characters_of("locomotion").verb, characters_of("punch").verb
     stranger = looped(walk, ("one", "two"), [0.0, 1.0])
     for source, target in ((walk, punch), (punch, walk), (punch, punch), (walk, stranger)):
-        assert start_phase(source, 0.4, target) == 0.0
-        assert start_phase(source, 0.4, target, speed=-1.0) == 1.0
+        assert corresponding_phase(source, 0.4, target) is None
+
+
+@pytest.mark.parametrize(("speed", "start"), [(1.0, 0.0), (-1.0, 1.0)])
+def test_a_motion_that_does_not_loop_starts_at_its_start_or_its_end(characters_of, speed, start):
+    walk, punch = characters_of("locomotion"), characters_of("punch")
+    slot = walk.add(GAITS["walk"], phase=0.4, speed=speed)
+    play(walk, slot, 2)
+    new = punch.go_on(walk, slot)
+    assert punch.phase(new) == start
+    walk.remove(slot)
+    punch.remove(new)
+
+
+def test_a_loop_starts_where_it_is_most_like_what_is_displayed(characters_of):
+    """A loop that names other keytimes, and shows the same motion; its cycle has two strides, which are alike."""
+    walk = characters_of("locomotion")
+    names = tuple(f"other {name}" for name in walk.verb.keytime_names)
+    stranger = Characters(Evaluator(replace(walk.verb, keytime_names=names)))
+    for phase in (0.1, 0.35, 0.8):
+        slot = walk.add(GAITS["walk"], phase=phase)
+        play(walk, slot, 2)
+        new = stranger.go_on(walk, slot, GAITS["walk"])
+        away = (stranger.phase(new) - walk.phase(slot) + 0.25) % 0.5 - 0.25
+        assert abs(away) <= 1.5 / CANDIDATES
+        walk.remove(slot)
+        stranger.remove(new)
 
 
 def test_a_place_is_met():

@@ -1,0 +1,503 @@
+"""Feet of moving characters: places that are kept while goals, verbs and versions change, and steps.
+
+A standing foot stays in the world until its stance ends. One that stands too far from where its motion has it makes a
+step. :mod:`verbs.kernels.stances` plans where feet stand.
+
+Source: ``docs/math.md``, section "Planted feet".
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from verbs.conventions import F64, I64
+from verbs.kernels import timewarp
+from verbs.kernels.character_state import Crowd, Records
+from verbs.kernels.compile import kernel
+from verbs.kernels.legs import CONTACTS, GROUNDS, PELVIS
+from verbs.kernels.stances import (
+    LONG_S,
+    PLACE,
+    RELEASE_S,
+    Plants,
+    between,
+    command,
+    contact_at,
+    crossing,
+    go_along,
+    move_place,
+    path_at,
+    place_at,
+    rotate_place,
+    shift,
+    smooth,
+    stance,
+)
+from verbs.kernels.timewarp import Clock
+
+__all__ = ["FOOT", "Step", "hold", "hold_feet", "hold_track", "release"]
+
+
+class Step(NamedTuple):
+    """One step of a character.
+
+    Parameters
+    ----------
+    step_s, moved_s : float
+        Seconds that passed, and by which its motion moved.
+    rate : float
+        Seconds per unit of phase.
+    way : int
+        1 forwards, -1 backwards.
+    before : float
+        Sample position before the step; unwrapped, so that it is next to the one after.
+    """
+
+    step_s: float
+    moved_s: float
+    rate: float
+    way: int
+    before: float
+
+
+STEP_S, LANDING_S = 0.36, 0.2
+"""Time of a step, and in which a foot whose stance begins at once takes its place."""
+
+STEP_M, STEP_RAD, LEAP_M = 0.03, 0.2, 1.0
+"""A standing foot makes a step from this distance and angle on; from the last one even while another foot does."""
+
+LANDED_M = 0.12
+"""Distance from its place within which an approaching foot has landed."""
+
+MOST_M_S2 = 60.0
+"""Acceleration with which a foot moves from a place to another at most."""
+
+STEP_RISE, MOST_RISE_M = 0.2, 0.08
+"""Height of a step as a share of its length, and at most."""
+
+CHECKED = 6
+"""Frames between two comparisons of a standing foot with its motion."""
+
+FADE_S = 0.3
+"""Shortest time in which heights and places are taken over after a transition begins."""
+
+SWING, STANCE, STEP, LEAVE = range(4)
+
+LATER = 0.6
+"""Share of a transition after which it takes over places and heights of a foot that did not stand."""
+
+LONGEST_S = 0.5
+"""Longest time in which a foot leaves its place."""
+
+NEAR = 0.98
+"""Share of the next place from which on a foot has arrived."""
+
+FASTEST = 2.5
+"""Largest change of that share in the time of a release; the smooth curve's is 1.875."""
+
+_AXES = ("heel_x", "heel_z", "ball_x", "ball_z", "tip_x", "tip_z", "dx", "dz")
+
+FOOT = np.dtype(
+    [
+        ("mode", "i8"),
+        ("since_s", "f8"),  # since it left, or since its step began
+        ("near", "f8"),  # share of the next place in the last frame; of a step, share that was held at its begin
+        ("fade", "f8"),  # up to 1: how far heights are taken over; below 0 not yet
+        *(
+            (f"sunk_{point}", "f8") for point in ("heel", "ball", "tip")
+        ),  # below its ground when its motion began, metres
+        ("length_s", "f8"),  # of its step
+        ("rise", "f8"),  # height of its step, metres
+        ("frames", "i8"),  # since it was last compared with its motion
+        *((f"{when}{axis}", "f8") for when in ("", "next_") for axis in _AXES),
+    ]
+)
+"""State of one foot of a character: its place in the world where it stands or stood last, and where it goes next."""
+
+
+@kernel
+def _world(row: Any, place: F64) -> None:
+    """Take a place (8,) from the motion's frame into the world, by a character's position."""
+    rotate_place(place, np.cos(row["heading"]), np.sin(row["heading"]))
+    move_place(place, row["x"], row["z"])
+
+
+@kernel
+def _store(foot: Any, place: F64) -> None:
+    """Keep a place (8,) as the one where a foot stands."""
+    foot["heel_x"], foot["heel_z"], foot["ball_x"], foot["ball_z"] = place[0], place[1], place[2], place[3]
+    foot["tip_x"], foot["tip_z"], foot["dx"], foot["dz"] = place[4], place[5], place[6], place[7]
+
+
+@kernel
+def _load(foot: Any, place: F64) -> None:
+    """Read the place (8,) where a foot stands."""
+    place[0], place[1], place[2], place[3] = foot["heel_x"], foot["heel_z"], foot["ball_x"], foot["ball_z"]
+    place[4], place[5], place[6], place[7] = foot["tip_x"], foot["tip_z"], foot["dx"], foot["dz"]
+
+
+@kernel
+def _store_next(foot: Any, place: F64) -> None:
+    """Keep a place (8,) as the one where a foot goes."""
+    foot["next_heel_x"], foot["next_heel_z"] = place[0], place[1]
+    foot["next_ball_x"], foot["next_ball_z"] = place[2], place[3]
+    foot["next_tip_x"], foot["next_tip_z"] = place[4], place[5]
+    foot["next_dx"], foot["next_dz"] = place[6], place[7]
+
+
+@kernel
+def _load_next(foot: Any, place: F64) -> None:
+    """Read the place (8,) where a foot goes."""
+    place[0], place[1] = foot["next_heel_x"], foot["next_heel_z"]
+    place[2], place[3] = foot["next_ball_x"], foot["next_ball_z"]
+    place[4], place[5] = foot["next_tip_x"], foot["next_tip_z"]
+    place[6], place[7] = foot["next_dx"], foot["next_dz"]
+
+
+@kernel
+def _appear(foot: Any, row: Any, plants: Plants, weights: F64, f: int, rate: float, place: F64, found: F64) -> None:
+    """Set the state of a foot from the plan."""
+    count = plants.contact.shape[1] - 1
+    x = row["phase"] * count
+    foot["near"], foot["fade"], foot["frames"], foot["since_s"] = 0.0, 1.0, 0, LONG_S
+    foot["mode"] = STANCE if contact_at(plants, f, weights, x) >= 0.5 else SWING
+    if foot["mode"] == STANCE:
+        stance(plants, weights, f, x, place)
+        _world(row, place)
+        _store(foot, place)
+        return
+    limit = RELEASE_S / max(rate, 1e-9) * count
+    before = crossing(plants, f, weights, x, -1, limit)
+    after = crossing(plants, f, weights, x, 1, limit)
+    if not np.isnan(before):
+        foot["since_s"] = (x - before) / count * rate
+        stance(plants, weights, f, before - 1e-6, place)
+        shift(plants, weights, before - 1e-6, x, place)
+        path_at(plants, weights, f, x, x, found[0])
+        path_at(plants, weights, f, before, x, found[1])
+        go_along(found[0], found[1], place)
+        _world(row, place)
+        _store(foot, place)
+    if not np.isnan(after):
+        left = (after - x) / count * rate
+        foot["near"] = 1.0 - smooth(left / max(min(RELEASE_S, foot["since_s"] + left), 1e-6))
+
+
+@kernel
+def _begin_step(foot: Any, held: float, length_s: float, rise: float) -> None:
+    """Let a foot go from its place to the next one."""
+    foot["mode"], foot["since_s"], foot["near"] = STEP, 0.0, held
+    foot["length_s"], foot["rise"] = length_s, rise
+
+
+@kernel
+def _compare(feet: Any, f: int, row: Any, plants: Plants, weights: F64, x: float, step: Step, place: F64) -> None:
+    """Begin a step where a standing foot is too far from the place that its motion has for it."""
+    foot = feet[f]
+    foot["frames"] = 0
+    stance(plants, weights, f, x, place)
+    _world(row, place)
+    away = np.sqrt((place[2] - foot["ball_x"]) ** 2 + (place[3] - foot["ball_z"]) ** 2)
+    sine, cosine = place[6] * foot["dz"] - place[7] * foot["dx"], place[6] * foot["dx"] + place[7] * foot["dz"]
+    turned = abs(np.arctan2(sine, cosine))
+    if away < STEP_M and turned < STEP_RAD:
+        return
+    for other in range(feet.shape[0]):
+        if other != f and feet[other]["mode"] != STANCE and away < LEAP_M:
+            return
+    limit = STEP_S / max(step.rate, 1e-9) * (plants.contact.shape[1] - 1)
+    if step.moved_s > 0.0 and not np.isnan(crossing(plants, f, weights, x, step.way, limit)):
+        foot["mode"], foot["since_s"], foot["near"] = LEAVE, 0.0, 0.0  # its stance ends before a step would
+        return
+    _store_next(foot, place)
+    _begin_step(foot, 1.0, STEP_S, min(MOST_RISE_M, STEP_M + STEP_RISE * (away + 0.1 * turned)))
+
+
+@kernel
+def _needed_s(here: F64, there: F64) -> float:
+    """Time in which a foot moves between two places."""
+    away = np.sqrt((here[2] - there[2]) ** 2 + (here[3] - there[3]) ** 2)
+    return min(LONGEST_S, np.sqrt(5.8 * away / MOST_M_S2))
+
+
+@kernel
+def _swing(
+    foot: Any,
+    row: Any,
+    plants: Plants,
+    weights: F64,
+    f: int,
+    x: float,
+    origin: float,
+    step: Step,
+    place: F64,
+    found: F64,
+) -> float:
+    """Move a foot that does not stand from a sample position, ``origin``, to x.
+
+    Returns the share to which it is held at ``place`` (8,).
+    """
+    count = plants.contact.shape[1] - 1
+    foot["since_s"] += step.moved_s
+    after = np.nan
+    if foot["mode"] == SWING:
+        after = crossing(plants, f, weights, x, step.way, RELEASE_S / max(step.rate, 1e-9) * count)
+    left = LONG_S if np.isnan(after) else abs(after - x) / count * step.rate
+    gap = max(min(RELEASE_S, foot["since_s"] + left), 1e-6)
+    path_at(plants, weights, f, x, x, found[2])
+    if left < RELEASE_S:
+        place_at(plants, weights, f, after, x, found[1])
+        path_at(plants, weights, f, after, x, found[3])
+        go_along(found[2], found[3], found[1])
+        _world(row, found[1])
+        _store_next(foot, found[1])
+    leaving = 0.0
+    if foot["since_s"] < LONGEST_S:
+        path_at(plants, weights, f, origin, x, found[3])
+        _world(row, found[2])
+        _world(row, found[3])
+        _load(foot, found[0])
+        go_along(found[2], found[3], found[0])
+        _store(foot, found[0])
+        leaving = 1.0 - smooth(foot["since_s"] / max(gap, _needed_s(found[0], found[2])))
+    _load_next(foot, found[1])
+    fastest = FASTEST * step.moved_s / max(gap, leaving * _needed_s(found[0], found[1]))
+    coming = smooth(foot["fade"]) * (1.0 - smooth(left / gap)) if left < RELEASE_S else 0.0
+    coming = min(max(coming, foot["near"] - fastest), foot["near"] + fastest)
+    foot["near"] = coming
+    if coming <= 0.0:
+        place[:] = found[0]
+    elif leaving <= 0.0:
+        place[:] = found[1]
+    else:
+        between(found[0], found[1], coming / (leaving + coming), place)
+    return min(leaving + coming, 1.0)
+
+
+@kernel
+def _stepping(foot: Any, step_s: float, place: F64, found: F64) -> tuple[float, float]:
+    """Move a foot along its step; return the share to which it is held at ``place`` (5,), and how high it is."""
+    foot["since_s"] += step_s
+    u = min(max(foot["since_s"] / foot["length_s"], 0.0), 1.0)
+    share = smooth(u)
+    _load(foot, found[0])
+    _load_next(foot, found[1])
+    between(found[0], found[1], share, place)
+    held = foot["near"] + (1.0 - foot["near"]) * share
+    if u >= 1.0:
+        foot["mode"], foot["frames"] = STANCE, 0
+        _store(foot, found[1])
+    return held, foot["rise"] * 16.0 * (u * (1.0 - u)) ** 2
+
+
+@kernel
+def hold(slots: I64, chosen: I64, step_s: float, crowd: Crowd, clock: Clock, plants: Plants, progress: Records) -> None:
+    """Hold the feet of the characters ``slots[chosen]``, which have advanced by one step, and write their commands.
+
+    Places are in the world. Characters that do not plant are left out.
+
+    Parameters
+    ----------
+    slots, chosen : (B,), (C,) int64
+    step_s : float
+    crowd : Crowd
+        ``feet`` and ``commands`` change.
+    clock : Clock
+    plants : Plants
+    progress : (B,) of :data:`verbs.kernels.character_state.PROGRESS`
+    """
+    state = crowd.state
+    count = plants.contact.shape[1] - 1
+    place, found = np.empty(PLACE), np.empty((4, PLACE))
+    for c in range(chosen.shape[0]):
+        s, end = slots[chosen[c]], progress[chosen[c]]
+        row = state[s]
+        if row["planting"] == 0.0:
+            continue
+        rate = timewarp.rate_at(clock.phases, crowd.keytimes[s], crowd.slopes[s], row["phase"])
+        turns = np.floor(end["stop"])  # a loop's phase begins again at 0
+        step = Step(
+            step_s, abs(end["stop"] - end["start"]) * rate, rate, 1 if end["stop"] >= end["start"] else -1,
+            (end["start"] - (turns if plants.looping else 0.0)) * count,
+        )  # fmt: skip
+        hold_feet(row, crowd.feet[s], crowd.weights[s, row["weights"]], step, plants, crowd.commands[s], place, found)
+
+
+@kernel
+def hold_feet(
+    row: Any, feet: Records, weights: F64, step: Step, plants: Plants, commands: F64, place: F64, found: F64
+) -> None:
+    """Hold the feet (F,) of one character; ``commands`` (2, F, 22) are those of this frame and of the one before.
+
+    ``place`` (8,) and ``found`` (4, 8) are scratch.
+    """
+    x = row["phase"] * (plants.contact.shape[1] - 1)
+    if step.moved_s > LONGEST_S:  # stances were left out
+        row["footed"] = 0.0
+    for f in range(feet.shape[0]):
+        foot, rise, held = feet[f], 0.0, 1.0
+        if row["footed"] == 0.0:
+            _appear(foot, row, plants, weights, f, step.rate, place, found)
+        foot["fade"] = min(1.0, foot["fade"] + step.step_s / max(row["transition_s"], FADE_S))
+        origin = _change(feet, f, row, plants, weights, x, step, commands[0, f], place)
+        if foot["mode"] == STANCE:
+            _load(foot, place)
+        elif foot["mode"] == STEP:
+            held, rise = _stepping(foot, step.step_s, place, found)
+        else:
+            held = _swing(foot, row, plants, weights, f, x, origin, step, place, found)
+        commands[1, f] = commands[0, f]
+        fade = smooth(foot["fade"])
+        command(plants, weights, f, x, held, fade, row["y"] + rise, place, commands[0, f])
+        if fade < 1.0:
+            commands[0, f, GROUNDS[0]] -= (1.0 - fade) * foot["sunk_heel"]
+            commands[0, f, GROUNDS[1]] -= (1.0 - fade) * foot["sunk_ball"]
+            commands[0, f, GROUNDS[2]] -= (1.0 - fade) * foot["sunk_tip"]
+        if row["share"] > 0.0:
+            _set_free(plants, f, 1.0 - row["share"], commands[0, f])
+        if row["footed"] == 0.0:
+            commands[1, f] = commands[0, f]
+    row["footed"] = 1.0
+
+
+@kernel
+def _change(
+    feet: Records, f: int, row: Any, plants: Plants, weights: F64, x: float, step: Step, last: F64, place: F64
+) -> float:
+    """Change the mode of a foot where a stance begins or ends, or it has to step; return where its swing comes from.
+
+    ``last`` (22,) is its command of the frame before.
+    """
+    foot, origin = feet[f], step.before
+    if contact_at(plants, f, weights, x) < 0.5:
+        if foot["mode"] == STANCE:
+            return _depart(foot, plants, weights, f, x, step)
+        if foot["mode"] == LEAVE:
+            foot["mode"] = SWING
+        return origin
+    if foot["mode"] == SWING:
+        _arrive(foot, row, plants, weights, f, x, last, place)
+    if foot["mode"] == STANCE:
+        foot["frames"] += 1
+        if foot["frames"] >= CHECKED:
+            _compare(feet, f, row, plants, weights, x, step, place)
+    return origin
+
+
+@kernel
+def _set_free(plants: Plants, f: int, share: float, command: F64) -> None:
+    """Plant a paused pose, which is on its goal without its feet, in part only."""
+    command[PELVIS] *= share
+    if f == plants.effector:
+        command[0] *= share
+        for a in CONTACTS:
+            command[a] *= share
+
+
+@kernel
+def hold_track(
+    weights: F64, phases: F64, rates: F64, places: F64, step_s: float, plants: Plants, state: Records, feet: Records,
+    commands: F64,
+) -> None:  # fmt: skip
+    """Commands of the frames of one motion whose weights change.
+
+    Parameters
+    ----------
+    weights : (B, N) float64
+    phases : (B,) float64
+        Of a loop also beyond 1; rising.
+    rates : (B,) float64
+        Seconds per unit of phase there.
+    places : (B, 4) float64
+        Of the root's frame in the world: x, z (m), heading (rad), height (m).
+    step_s : float
+        Seconds between two frames.
+    plants : Plants
+    state : (1,) of :data:`verbs.kernels.character_state.CHARACTER`
+    feet : (F,) of :data:`FOOT`
+        Scratch, like ``state``; both zero.
+    commands : (B, F, 22) float64
+        Written, in the world.
+    """
+    count = plants.contact.shape[1] - 1
+    place, found, last = np.empty(PLACE), np.empty((4, PLACE)), np.zeros((2, *commands.shape[1:]))
+    row, before = state[0], phases[0]
+    for b in range(weights.shape[0]):
+        turns = np.floor(phases[b]) if plants.looping else 0.0
+        row["phase"], row["x"], row["z"] = phases[b] - turns, places[b, 0], places[b, 1]
+        row["heading"], row["y"] = places[b, 2], places[b, 3]
+        step = Step(step_s, abs(phases[b] - before) * rates[b], rates[b], 1, (before - turns) * count)
+        hold_feet(row, feet, weights[b], step, plants, last, place, found)
+        commands[b] = last[0]
+        before = phases[b]
+
+
+@kernel
+def _depart(foot: Any, plants: Plants, weights: F64, f: int, x: float, step: Step) -> float:
+    """End the stance of a foot; return the sample position at which it ended."""
+    count = plants.contact.shape[1] - 1
+    foot["mode"], foot["since_s"], foot["near"] = SWING, 0.0, 0.0
+    ended = crossing(plants, f, weights, x, -step.way, abs(x - step.before) + 1.0)
+    if np.isnan(ended) or (ended - step.before) * step.way < 0.0:  # its weights changed, or its verb
+        return step.before
+    foot["since_s"] = abs(x - ended) / count * step.rate - step.moved_s  # the step is still to be added
+    return ended
+
+
+@kernel
+def _arrive(foot: Any, row: Any, plants: Plants, weights: F64, f: int, x: float, last: F64, place: F64) -> None:
+    """Begin the stance of a foot: at once where it is in its place, or else within a while."""
+    stance(plants, weights, f, x, place)
+    _world(row, place)
+    away = np.sqrt((place[2] - last[3]) ** 2 + (place[3] - last[4]) ** 2)
+    held = last[0] if foot["fade"] > 0.0 else 0.0  # a transition has begun at the displayed pose
+    _store_next(foot, place)
+    if held >= NEAR and away < LANDED_M:
+        foot["mode"], foot["frames"] = STANCE, 0
+        _store(foot, place)
+        return
+    _store(foot, place)
+    length_s = LANDING_S
+    if held > 0.0:
+        length_s = max(length_s, held * _needed_s(place, last[1 : 1 + PLACE]))
+        _store(foot, last[1 : 1 + PLACE])
+    _begin_step(foot, held, length_s, 0.0)
+    if foot["fade"] < 0.0:  # the transition brings it there
+        foot["since_s"], foot["length_s"] = foot["fade"] * row["transition_s"], max(row["transition_s"], LANDING_S)
+
+
+@kernel
+def release(feet: Records, points: F64, levels: F64, flat: F64) -> None:
+    """Prepare the feet (F,) of a character for a transition: what stands stays where it is displayed, the rest is free.
+
+    Parameters
+    ----------
+    feet : (F,) of :data:`FOOT`
+    points : (F, 3, 3) float64
+        Displayed heel, ball and tip, in the world.
+    levels : (F, 3) float64
+        Heights at which they stand in the next motion.
+    flat : (F, 2) float64
+        Of :class:`verbs.kernels.stances.Plants`.
+    """
+    place = np.empty(PLACE)
+    for f in range(feet.shape[0]):
+        foot = feet[f]
+        foot["fade"] = 0.0
+        foot["sunk_heel"] = max(0.0, levels[f, 0] - points[f, 0, 1])
+        foot["sunk_ball"] = max(0.0, levels[f, 1] - points[f, 1, 1])
+        foot["sunk_tip"] = max(0.0, levels[f, 2] - points[f, 2, 1])
+        if foot["mode"] != STANCE:
+            foot["mode"], foot["since_s"], foot["near"], foot["fade"] = SWING, LONG_S, 0.0, -LATER
+            continue
+        foot["frames"] = CHECKED
+        _load(foot, place)
+        dx, dz, x, z = place[6], place[7], points[f, 1, 0], points[f, 1, 2]
+        tx, tz = place[4] - place[2], place[5] - place[3]
+        size = np.sqrt(tx * tx + tz * tz)
+        tx, tz = (tx / size, tz / size) if size > 1e-3 else (dx, dz)
+        place[0], place[1], place[2], place[3] = x - flat[f, 0] * dx, z - flat[f, 0] * dz, x, z
+        place[4], place[5] = x + flat[f, 1] * tx, z + flat[f, 1] * tz
+        _store(foot, place)

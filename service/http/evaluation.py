@@ -51,7 +51,7 @@ async def pose(state: ServerState, entry: Entry, request: PoseRequest, *, suppor
     evaluator, joints = entry.evaluator, entry.joints(request.joints)
 
     def work() -> Evaluated:
-        instant = {"phase": request.phase, "time_s": request.time}
+        instant: dict[str, Any] = {"phase": request.phase, "time_s": request.time, "plant": request.plant}
         if request.max_error is None:
             found = evaluator.pose(request.adverbs, method=request.method, **instant)
             shares = evaluator.support(found.blend) if support else None
@@ -114,7 +114,7 @@ async def poses(state: ServerState, entry: Entry, batch: Batch, *, support: bool
 
     def work() -> Evaluated:
         instant: dict[str, Any] = {"time_s" if batch.given_time else "phase": batch.at}
-        found = evaluator.pose(batch.adverbs, method=options.method, **instant)
+        found = evaluator.pose(batch.adverbs, method=options.method, plant=options.plant, **instant)
         shares = evaluator.support(found.blend) if support else None
         return Evaluated(found, *describe.in_space(evaluator, found, options.space, joints), shares)
 
@@ -155,14 +155,15 @@ async def records(state: ServerState, entry: Entry, found: Evaluated, *, crowd: 
 
 
 def _frames(entry: Entry, request: SequenceRequest, limit: int) -> Poses:
-    evaluator, method, cycles = entry.evaluator, request.method, request.cycles
+    evaluator, fps = entry.evaluator, request.fps
+    options: dict[str, Any] = {"cycles": request.cycles, "method": request.method, "plant": request.plant}
     if request.track is None:
         assert request.adverbs is not None  # the model requires adverbs or a track
         rows = evaluator.adverbs(request.adverbs)
-        return sequences.sequence(evaluator, rows, request.fps, cycles=cycles, method=method, max_frames=limit)
+        return sequences.sequence(evaluator, rows, fps, max_frames=limit, **options)
     times = np.array([point.time for point in request.track], np.float64)
     rows = evaluator.adverbs([point.adverbs for point in request.track])
-    return sequences.tracked(evaluator, times, rows, request.fps, cycles=cycles, method=method, max_frames=limit)
+    return sequences.tracked(evaluator, times, rows, fps, max_frames=limit, **options)
 
 
 def _cycles(entry: Entry, batch: Batch) -> float:

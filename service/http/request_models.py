@@ -67,6 +67,13 @@ class Options(_Body):
         Field(ge=1, description="The version to evaluate. Default: the current one."),
     ] = None
     weights: Annotated[bool, Field(description="Whether to return the examples' weights.")] = False
+    plant: Annotated[
+        bool,
+        Field(
+            description="Whether standing feet are held where they landed and no point of a foot is below the ground. "
+            "The effector stays on its goal."
+        ),
+    ] = True
 
 
 class PoseRequest(Options):

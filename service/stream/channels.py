@@ -82,6 +82,7 @@ class Channels:
             looping=request.loop,
             half_life_s=request.half_life,
             following=request.follow,
+            plant=request.plant,
         )
         channel = Channel(
             *(request.channel, session, group, slot, request.fps, layout, form),

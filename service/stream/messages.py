@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from service.fields import STRICT, Name, Space
 from verbs.conventions import MAX_ADVERBS, MAX_JOINTS, MAX_MAGNITUDE
-from verbs.runtime.characters import HALF_LIFE_S, MAX_SPEED, MAX_TRANSITION_S, RESTART_S
+from verbs.runtime.characters import HALF_LIFE_S, MAX_SPEED, MAX_TRANSITION_S
 
 __all__ = [
     "CLIENT",
@@ -81,6 +81,7 @@ class Open(_ClientMessage):
     loop: bool | None = None
     half_life: HalfLife = HALF_LIFE_S
     follow: bool = True
+    plant: Annotated[bool, Field(description="Whether standing feet stay where they landed.")] = True
     events: Annotated[bool, Field(description="Whether keytimes of the channel are reported.")] = True
     priority: Priority = 1.0
 
@@ -110,7 +111,10 @@ class Switch(_ClientMessage):
     adverbs: Adverbs | None = None
     method: Name | None = None
     phase: Phase | None = None
-    transition_s: Annotated[float, Field(ge=0, le=MAX_TRANSITION_S)] = RESTART_S
+    transition_s: Annotated[
+        float | None,
+        Field(ge=0, le=MAX_TRANSITION_S, description="Unless given, chosen by the distance of the poses."),
+    ] = None
 
 
 class Close(_ClientMessage):

@@ -13,13 +13,15 @@ from verbs.errors import OutOfRange, UnknownName
 if TYPE_CHECKING:
     from verbs.verb import Verb
 
-__all__ = ["METHODS", "At", "Json", "MethodOption", "VerbArgument", "open_verb", "parse_at"]
+__all__ = ["METHODS", "At", "Json", "MethodOption", "Plant", "VerbArgument", "open_verb", "parse_at"]
 
 VerbArgument = Annotated[str, typer.Argument(metavar="VERB", help="A built-in name, a .verb file, or a source folder.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 At = Annotated[str, typer.Option("--at", metavar="NAME=VALUE,…", help="Adverbs, e.g. x=-0.3,y=1.2,z=0.4.")]
 METHODS = "rbf, perdof, search, refined, hybrid, barycentric, knn, inverse, corrected"
 MethodOption = Annotated[str | None, typer.Option("--method", help=f"One of {METHODS}.")]
+
+Plant = Annotated[bool, typer.Option("--plant/--no-plant", help="Hold standing feet where they landed.")]
 
 
 def open_verb(name: str) -> Verb:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from verbs.cli.options import At, Json, MethodOption, VerbArgument, open_verb, parse_at
+from verbs.cli.options import At, Json, MethodOption, Plant, VerbArgument, open_verb, parse_at
 from verbs.cli.output import err, out, plain, print_json
 from verbs.errors import RequestError
 from verbs.units import quantity
@@ -25,6 +25,7 @@ def pose_command(
     phase: Annotated[float | None, typer.Option(help="Canonical time, 0 to 1.")] = None,
     time: Annotated[float | None, typer.Option(help="Seconds from the start.")] = None,
     method: MethodOption = None,
+    plant: Plant = True,
     as_json: Json = False,
 ) -> None:
     """Print the pose of a verb at some adverbs, its error, and how well the examples support it.
@@ -37,7 +38,7 @@ def pose_command(
     from verbs.runtime.evaluate import Evaluator
 
     evaluator = Evaluator(open_verb(verb))
-    poses = evaluator.pose(parse_at(at), phase=phase, time_s=time, method=method)
+    poses = evaluator.pose(parse_at(at), phase=phase, time_s=time, method=method, plant=plant)
     record = describe.pose_record(evaluator, poses, 0)
     if as_json:
         print_json(record)
@@ -81,6 +82,7 @@ def export_command(
     fps: Annotated[float, typer.Option(min=1, max=240, help="Frames per second.")] = 30.0,
     cycles: Annotated[int, typer.Option(min=1, max=100, help="Cycles of a looping verb.")] = 1,
     method: MethodOption = None,
+    plant: Plant = True,
 ) -> None:
     """Write a whole motion to a file, in metres and degrees.
 
@@ -92,6 +94,7 @@ def export_command(
 
     _check_format(output, form)
     evaluator = Evaluator(open_verb(verb))
-    poses = sequence.sequence(evaluator, evaluator.adverbs(parse_at(at)), fps, cycles=cycles, method=method)
+    adverbs = evaluator.adverbs(parse_at(at))
+    poses = sequence.sequence(evaluator, adverbs, fps, cycles=cycles, method=method, plant=plant)
     bvh.write(sequence.to_motion(evaluator, poses, fps), output)
     err.print(f"{plain(str(output))}: {len(poses.root)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s")

@@ -48,6 +48,8 @@ class PoseOptions(TypedDict, total=False):
         The required version of the verb.
     weights : bool
         Whether to return the examples' weights; implies ``full``.
+    plant : bool
+        Whether standing feet are held where they landed; true where omitted.
     full : bool
         Whether to request JSON, which has more than a binary record: method, measured, positions, weights, events.
     """
@@ -57,6 +59,7 @@ class PoseOptions(TypedDict, total=False):
     joints: Sequence[str]
     version: int
     weights: bool
+    plant: bool
     full: bool
 
 
@@ -147,7 +150,7 @@ class Api:
         accept = JSON if full else OCTETS
         if times_s is None and not body.get("weights"):
             content = np.column_stack([rows, at]).astype("<f4").tobytes()
-            query = tuple((name, str(one)) for name, value in body.items() for one in _listed(value))
+            query = tuple((name, _text(one)) for name, value in body.items() for one in _listed(value))
             response = yield from _send(Request("POST", _path(verb, "poses"), accept, content, OCTETS, query))
         else:
             names = [adverb.name for adverb in (yield from self._known(verb)).adverbs]
@@ -275,6 +278,10 @@ def _seconds(text: str | None) -> float | None:
         return None  # an HTTP date; this server writes seconds
 
 
+def _text(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
 def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
@@ -291,6 +298,8 @@ def _body(options: PoseOptions) -> tuple[dict[str, Any], bool]:
         body["joints"] = list(body["joints"])
     if not body.get("weights"):
         body.pop("weights", None)
+    if "plant" in body:
+        body["plant"] = bool(body["plant"])
     return body, full or "weights" in body
 
 

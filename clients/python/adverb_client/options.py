@@ -30,7 +30,7 @@ _BOUNDS = {
 """Bounds of docs/wire.md."""
 
 _CHOICES = {"encoding": get_args(Encoding), "space": get_args(Space), "frame": get_args(Frame)}
-_FLAGS = ("play", "loop", "follow", "events")
+_FLAGS = ("play", "loop", "follow", "plant", "events")
 
 
 class OpenOptions(TypedDict, total=False):
@@ -64,6 +64,8 @@ class OpenOptions(TypedDict, total=False):
         Time in which half the distance between the displayed adverbs and the goal is covered, seconds, 0–10.
     follow : bool
         Whether the effector of a held channel stays on the goal.
+    plant : bool
+        Whether standing feet stay where they landed.
     events : bool
         Whether keytimes are reported.
     priority : float
@@ -83,6 +85,7 @@ class OpenOptions(TypedDict, total=False):
     loop: bool
     half_life: float
     follow: bool
+    plant: bool
     events: bool
     priority: float
 

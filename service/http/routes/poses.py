@@ -68,6 +68,7 @@ async def poses(
     space: Annotated[Space | None, Query(description="Space, of a binary body.")] = None,
     joints: Annotated[list[Name] | None, Query(max_length=1_000, description="Joints, of a binary body.")] = None,
     version: Annotated[int | None, Query(ge=1, description="Version, of a binary body.")] = None,
+    plant: Annotated[bool | None, Query(description="Whether feet are planted, of a binary body.")] = None,
 ) -> Response:
     """Evaluate a pose for each character of a crowd.
 
@@ -77,7 +78,7 @@ async def poses(
     """
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
-    query = {"method": method, "space": space, "joints": joints, "version": version}
+    query = {"method": method, "space": space, "joints": joints, "version": version, "plant": plant}
     if media_type(request, JSON, OCTETS) == OCTETS:
         entry = await state.version(entry, version)
         batch = evaluation.binary_batch(state, entry, await read(request), query)

@@ -472,6 +472,12 @@ export interface components {
              */
             method: string | null;
             /**
+             * Plant
+             * @description Whether standing feet are held where they landed and no point of a foot is below the ground. The effector stays on its goal.
+             * @default true
+             */
+            plant: boolean;
+            /**
              * Space
              * @description `global` returns rotations in the verb's space, and the joints' positions.
              * @default local
@@ -688,6 +694,12 @@ export interface components {
              * @default 0
              */
             phase: number;
+            /**
+             * Plant
+             * @description Whether standing feet stay where they landed.
+             * @default true
+             */
+            plant: boolean;
             /**
              * Play
              * @default true
@@ -926,6 +938,12 @@ export interface components {
              * @default null
              */
             phase: number | null;
+            /**
+             * Plant
+             * @description Whether standing feet are held where they landed and no point of a foot is below the ground. The effector stays on its goal.
+             * @default true
+             */
+            plant: boolean;
             /**
              * Space
              * @description `global` returns rotations in the verb's space, and the joints' positions.
@@ -1326,6 +1344,12 @@ export interface components {
              */
             method: string | null;
             /**
+             * Plant
+             * @description Whether standing feet are held where they landed and no point of a foot is below the ground. The effector stays on its goal.
+             * @default true
+             */
+            plant: boolean;
+            /**
              * Space
              * @description `global` returns rotations in the verb's space, and the joints' positions.
              * @default local
@@ -1514,9 +1538,10 @@ export interface components {
             phase: number | null;
             /**
              * Transition S
-             * @default 0.3
+             * @description Unless given, chosen by the distance of the poses.
+             * @default null
              */
-            transition_s: number;
+            transition_s: number | null;
             /** Verb */
             verb: string;
         };
@@ -2776,6 +2801,8 @@ export interface operations {
                 joints?: string[] | null;
                 /** @description Version, of a binary body. */
                 version?: number | null;
+                /** @description Whether feet are planted, of a binary body. */
+                plant?: boolean | null;
             };
             header?: never;
             path: {

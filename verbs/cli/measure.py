@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from verbs.cli.motion import print_motion
 from verbs.cli.options import METHODS, Json, VerbArgument, open_verb
 from verbs.cli.output import out, print_json, progress
 from verbs.units import quantity
@@ -24,11 +25,14 @@ def measure_command(
     method: Annotated[str, typer.Option("--method", help=f"all, or one of {METHODS}.")] = "all",
     grid: Annotated[int, typer.Option(min=5, max=401, help="Nodes on a side of the smoothness slices.")] = 61,
     feet: Annotated[bool, typer.Option("--feet", help="Also evaluate foot slide.")] = False,
+    motion: Annotated[bool, typer.Option("--motion", help="Evaluate whole motions instead.")] = False,
+    goals: Annotated[int, typer.Option(min=1, max=10_000, help="Number of random goals of --motion.")] = 60,
     as_json: Json = False,
 ) -> None:
     """Print the quality of one method, or of all: parametric error, smoothness, support by the examples, time.
 
     Support is 1 at an example, and 0.5 where an answer is as uncertain as an example predicted from the others.
+    With --motion: feet, joints, balance, self-intersection and loops of whole motions, blends beside examples.
 
     Example: [bold]adverb measure reach --method rbf --json[/]
     """
@@ -36,6 +40,9 @@ def measure_command(
     from verbs.quality.report import quality_of, recommend
 
     loaded = open_verb(verb)
+    if motion:
+        print_motion(loaded, method, goals, as_json=as_json)
+        return
     chosen = [method]
     if method == "all":  # without pseudo-examples, refined is rbf and hybrid is search
         chosen = [name for name in usable(loaded) if "refined" in loaded.bases or name not in ("refined", "hybrid")]

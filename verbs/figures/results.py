@@ -9,11 +9,13 @@ from math import isnan
 
 import numpy as np
 
+from verbs.figures import motion_table
 from verbs.figures import motions as whole
 from verbs.figures.flow import ABNORMAL, DRAWN, FPS, FRAMES, RAMP, WINDOWS, Flow
 from verbs.figures.refining import Refinement, hybrid_errors
 from verbs.figures.study import Study
 from verbs.quality.foot_contact import GOALS, GOALS_SEED, Slides
+from verbs.quality.motion import Comparison
 from verbs.quality.report import Quality
 
 __all__ = ["PRINTED", "page"]
@@ -48,6 +50,7 @@ def page(
     studies: list[Study],
     moved: list[whole.Motions],
     flows: list[Flow],
+    compared: Mapping[str, Comparison],
     *,
     captured: bool,
     seconds: float,
@@ -63,6 +66,7 @@ def page(
         _ranking(studies, captured=captured),
         *[_flow(one) for one in flows],
         _moved(moved),
+        motion_table.section(compared),
         _pictures(studies, flows, captured=captured),
     ]  # fmt: skip
     return "\n".join(part.strip("\n") + "\n" for part in parts)

@@ -24,7 +24,7 @@ from verbs.runtime.whole_motion import MIDDLE, RATE_HZ, examples, one_of, sample
 from verbs.verb import Verb
 
 __all__ = ["GOALS", "GOALS_SEED", "NONE", "RATE_HZ", "Slides", "by_example", "contacts", "example_slides", "examples",
-           "goals", "sampled", "slide_rows", "slides"]  # fmt: skip
+           "goals", "of_frames", "sampled", "slide_rows", "slides", "standing"]  # fmt: skip
 
 GOALS, GOALS_SEED = 60, 3
 """Number of random goals in the domain whose motions are evaluated, and their seed."""
@@ -122,15 +122,38 @@ def _of_motion(evaluator: Evaluator, found: Contacts, blend: Blend, *, plant: bo
     """Slide (S,) of every stance of a motion, and the largest depth, metres."""
     phases, rotations, positions = sampled_rotations(evaluator, blend, plant=plant)
     rotations, positions = from_ground(evaluator, blend, phases, rotations, positions)
-    looping = evaluator.verb.looping
-    weights = np.ascontiguousarray(np.broadcast_to(blend.weights[0], (len(phases), blend.weights.shape[1])))
+    return of_frames(found, blend.weights[0], phases, rotations, positions, looping=evaluator.verb.looping)
+
+
+def standing(found: Contacts, weights: F64, phases: F64, *, looping: bool) -> tuple[F64, F64]:
+    """Contact (F, P) of one blend at phases (F,), and heights (P,) of its points while they stand, metres."""
+    rows = np.ascontiguousarray(np.broadcast_to(weights, (len(phases), len(weights))))
     share, heights = np.empty((len(phases), len(found))), np.empty((1, len(found)))
-    _contact(weights, phases, found.values, looping, share)
-    _heights(blend.weights[:1], found.heights, heights)
+    _contact(rows, phases, found.values, looping, share)
+    _heights(rows[:1], found.heights, heights)
+    return share, heights[0]
+
+
+def of_frames(
+    found: Contacts, weights: F64, phases: F64, rotations: F64, positions: F64, *, looping: bool
+) -> tuple[F64, float]:
+    """Slide (S,) of every stance of one blend, and the largest depth, metres.
+
+    Parameters
+    ----------
+    found : Contacts
+    weights : (N,) float64
+    phases : (F,) float64
+    rotations : (F, J, 4) float64
+        Global rotations at 60 Hz, over level ground.
+    positions : (F, J, 3) float64
+    looping : bool
+    """
+    share, heights = standing(found, weights, phases, looping=looping)
     distances, deepest = [], 0.0
     for p in range(len(found)):
         path = contact_detection.point_positions(rotations, positions, int(found.joints[p]), found.offsets[p])
-        deepest = max(deepest, float((heights[0, p] - path[:, 1]).max()))
+        deepest = max(deepest, float((heights[p] - path[:, 1]).max()))
         distances += _distances(phases, path, share[:, p] > 0.5, looping=looping)
     return np.array(distances), deepest
 

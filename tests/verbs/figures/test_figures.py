@@ -74,6 +74,17 @@ def test_feet_are_measured_where_there_are_toes(page):
     assert re.findall(r"^\| (\w+) \|", peaks, flags=re.M) == ["verb", "arm3", "board", "reach"]
 
 
+def test_figures_of_motion_have_a_row_for_every_built_in_verb(page):
+    section = page.split("## Figures of motion\n")[1].split("\n## ")[0]
+    tables = section.split("### ")[1:]
+    assert len(tables) == 3
+    for table in tables:
+        assert re.findall(r"^\| (\w+) \|", table, flags=re.M) == ["verb", *library.names()]
+    feet = {row.split(" | ")[0].strip("| "): row for row in tables[0].splitlines() if row.startswith("| ")}
+    assert re.search(r"\d / \d", feet["reach"])
+    assert set(feet["arm3"].strip("| ").split(" | ")[1:]) == {"–"}, "an arm has no feet"
+
+
 def test_pseudo_examples_bring_the_drawing_back_to_the_board():
     """The paper's numbers for its board, 0.25 / 0.69 % and 0.1 / 0.48 %, are met with a hundred."""
     one = refinement(library.load("board"), quick=False, progress=lambda stage, done, total: None)

@@ -16,7 +16,7 @@ from verbs.kernels import radial_basis
 from verbs.units import dimension, si
 from verbs.verb import Basis, Chart, Domain
 
-__all__ = ["cardinal", "chart_of", "domain_of"]
+__all__ = ["cardinal", "chart_of", "domain_of", "smooth", "solve_smooth"]
 
 HULL_DIMENSIONS = 6
 """Above this a convex hull has too many facets; the domain is the bounding box instead."""
@@ -127,10 +127,18 @@ def cardinal(
     )
 
 
-def smooth(chart: Chart, values: F64, *, share: float = SMOOTH_SHARE, names: tuple[str, ...] = ()) -> Basis:
+def smooth(
+    chart: Chart,
+    values: F64,
+    *,
+    share: float = SMOOTH_SHARE,
+    degree: int = 1,
+    names: tuple[str, ...] = (),
+) -> Basis:
     """Smooth cardinal basis for correction: multiquadric with c = ``share`` × median nearest-neighbour distance.
 
-    Solved with its affine part in one system, so that the radial part is orthogonal to it.
+    Solved with its polynomial part, affine or (degree 0) constant, in one system, so that the radial part is orthogonal
+    to it.
 
     Raises
     ------
@@ -141,18 +149,30 @@ def smooth(chart: Chart, values: F64, *, share: float = SMOOTH_SHARE, names: tup
     count = len(points)
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
     nearest = np.where(np.eye(count, dtype=bool), np.inf, distances).min(axis=1)
-    radii = np.full(count, share * np.median(nearest))
-    radial = radial_basis.radial_matrix(radial_basis.MULTIQUADRIC, points, points, radii)
-    powers = radial_basis.polynomial_matrix(points, 1)
-    width = powers.shape[1]
-    system = np.block([[radial, powers], [powers.T, np.zeros((width, width))]])
-    right = np.concatenate([np.eye(count), np.zeros((width, count))])
     try:
-        solved = np.linalg.solve(system, right)
+        return solve_smooth(chart, points, np.eye(count), radius=share * float(np.median(nearest)), degree=degree)
     except LinAlgError as err:
         some = f" among {', '.join(names[:3])} …" if names else ""
         raise IllPosedVerb(f"the smooth system is singular; examples lie too close to each other{some}") from err
+
+
+def solve_smooth(chart: Chart, points: F64, targets: F64, *, radius: float, degree: int) -> Basis:
+    """Multiquadric basis with weights ``targets`` (C, N) at centers ``points`` (C, D): [Φ Π; Πᵀ 0] [ρ; α] = [T; 0].
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the system is singular.
+    """
+    count = len(points)
+    radii = np.full(count, radius)
+    radial = radial_basis.radial_matrix(radial_basis.MULTIQUADRIC, points, points, radii)
+    powers = radial_basis.polynomial_matrix(points, degree)
+    width = powers.shape[1]
+    system = np.block([[radial, powers], [powers.T, np.zeros((width, width))]])
+    right = np.concatenate([targets, np.zeros((width, targets.shape[1]))])
+    solved = np.linalg.solve(system, right)
     condition = float(np.linalg.cond(system))
     return Basis(
-        chart, radial_basis.MULTIQUADRIC, 1, points, radii, solved[:count].copy(), solved[count:].copy(), condition
+        chart, radial_basis.MULTIQUADRIC, degree, points, radii, solved[:count].copy(), solved[count:].copy(), condition
     )

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from verbs import library
-from verbs.figures import canvas, charts, flow, grids, maps, motion_table, results, rows
+from verbs.figures import canvas, charts, flow, grids, maps, motion_table, refined_table, results, rows
 from verbs.figures.cardinal import draw_cardinal
 from verbs.figures.motions import motions
 from verbs.figures.refining import Refinement, refinement
@@ -60,9 +60,10 @@ def figures(out: Path, *, data: Path | None, quick: bool = False, progress: Prog
     flows = [flow.draw(folder / "seed2_fig6_flow.png", verb, report) for verb in sources if verb.name == "locomotion"]
     paths += [one.path for one in flows]
     moved = [motions(one.verb, report) for one in studies]
+    calmer = refined_table.refined(sources or [refined[-1].verb], report, quick=quick)
     compared = motion_table.comparisons(sources, report, quick=quick)
     seconds = time.perf_counter() - started
-    text = results.page(refined, studies, moved, flows, compared, captured=bool(sources), seconds=seconds)
+    text = results.page(refined, studies, moved, flows, compared, calmer, captured=bool(sources), seconds=seconds)
     (out / "results.md").write_text(text, encoding="utf-8")
     return [*paths, out / "results.md"]
 

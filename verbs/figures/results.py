@@ -9,7 +9,7 @@ from math import isnan
 
 import numpy as np
 
-from verbs.figures import motion_table
+from verbs.figures import motion_table, refined_table
 from verbs.figures import motions as whole
 from verbs.figures.flow import ABNORMAL, DRAWN, FPS, FRAMES, RAMP, WINDOWS, Flow
 from verbs.figures.refining import Refinement, hybrid_errors
@@ -51,6 +51,7 @@ def page(
     moved: list[whole.Motions],
     flows: list[Flow],
     compared: Mapping[str, Comparison],
+    calmer: Mapping[str, refined_table.Refined],
     *,
     captured: bool,
     seconds: float,
@@ -67,6 +68,7 @@ def page(
         *[_flow(one) for one in flows],
         _moved(moved),
         motion_table.section(compared),
+        refined_table.section(calmer),
         _pictures(studies, flows, captured=captured),
     ]  # fmt: skip
     return "\n".join(part.strip("\n") + "\n" for part in parts)

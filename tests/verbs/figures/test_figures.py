@@ -85,6 +85,16 @@ def test_figures_of_motion_have_a_row_for_every_built_in_verb(page):
     assert set(feet["arm3"].strip("| ").split(" | ")[1:]) == {"–"}, "an arm has no feet"
 
 
+def test_the_refinement_for_quality_is_judged(page):
+    section = page.split("## Refinement for quality\n")[1].split("\n## ")[0]
+    rows = {
+        row.split(" | ")[0].strip("| "): row.split(" | ")[1] for row in section.splitlines() if row.startswith("| ")
+    }
+    before, after = map(float, rows["mean cost"].strip("| ").split(" → "))
+    assert after <= before
+    assert re.fullmatch(r"(not )?better \|", rows["verdict"])
+
+
 def test_pseudo_examples_bring_the_drawing_back_to_the_board():
     """The paper's numbers for its board, 0.25 / 0.69 % and 0.1 / 0.48 %, are met with a hundred."""
     one = refinement(library.load("board"), quick=False, progress=lambda stage, done, total: None)

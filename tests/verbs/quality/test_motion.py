@@ -225,11 +225,11 @@ def test_the_command_prints_the_figures(compared):
     assert shown.exit_code == 0
     assert "skate ratio" in shown.stdout
     assert "does not loop" in shown.stdout
-    told = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
-    assert told == json.loads(json.dumps(compared.as_dict()))
+    answer = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
+    assert answer == json.loads(json.dumps(compared.as_dict()))
     rbf = json.loads(CliRunner().invoke(app, [*arguments, "--json", "--method", "rbf"]).stdout)
     assert rbf["method"] == "rbf"
-    assert rbf["blends"] != told["blends"]
+    assert rbf["blends"] != answer["blends"]
     assert CliRunner().invoke(app, [*arguments, "--method", "magic"]).exit_code != 0
 
 

@@ -214,7 +214,7 @@ def measure(database: str, folder: Path, chosen: argparse.Namespace) -> Iterator
         for name in TWINS:
             upload(both[0], name, folder)
         stack.enter_context(worker("worker-1", folder, environment))
-        both[0].post("/v1/verbs/board/refinements", json={"max_pseudo": 1})  # it compiles what it needs
+        both[0].post("/v1/verbs/board/refinements", json={"max_pseudo": 1, "for": "error"})  # it compiles what it needs
         until(lambda: both[0].get("/v1/refinements")["refinements"][0]["state"] not in ("queued", "running"))
         yield from interleaved(both[0], rounds=chosen.rounds, seconds=chosen.seconds)
         yield throughput(both[0], chosen.pseudo, 1)

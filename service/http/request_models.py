@@ -160,21 +160,33 @@ class SequenceRequest(Options):
 class RefinementRequest(_Body):
     """Options of a refinement."""
 
+    aim: Annotated[
+        Literal["quality", "error"] | None,
+        Field(
+            alias="for",
+            description="`quality`: better motion by `corrected`, which stays exact. `error`: smaller errors by "
+            "`refined` and `hybrid`. Default: `quality` where the verb's default method is `corrected` and no option "
+            "for errors is given.",
+        ),
+    ] = None
     target_error: Annotated[
         float,
         Field(
             gt=0,
             le=10,
-            description="Largest error at which to stop, as a share of the diagonal of the examples' goals.",
+            description="For errors: the largest at which to stop, as a share of the diagonal of the examples' goals.",
         ),
     ] = 0.01
-    max_pseudo: Annotated[int, Field(ge=0, le=2_000, description="Most pseudo-examples.")] = 300
+    max_pseudo: Annotated[
+        int | None,
+        Field(ge=0, le=2_000, description="Most pseudo-examples. Default: 8 for quality, at most 64; 300 for errors."),
+    ] = None
     budget_s: Annotated[float, Field(gt=0, le=7 * 24 * 3600, description="Most computing time, seconds.")] = 600.0
-    method: Annotated[Literal["refined", "hybrid"], Field(description="Method by which the result is evaluated.")] = (
-        "refined"
-    )
+    method: Annotated[
+        Literal["refined", "hybrid"], Field(description="For errors: method by which the result is evaluated.")
+    ] = "refined"
     weighted_by_traffic: Annotated[
-        bool, Field(description="Whether to refine first where clients request the verb.")
+        bool, Field(description="For errors: whether to refine first where clients request the verb.")
     ] = False
     seed: Annotated[int, Field(ge=0, le=10**6)] = 1
     priority: Annotated[int, Field(ge=1, le=100, description="1 is the highest.")] = 50

@@ -67,6 +67,9 @@ class _Example(BaseModel):
 class _PseudoExample(BaseModel):
     adverbs: dict[str, float]
     point: Annotated[Vector | None, Field(description="As of an example.")]
+    aim: Annotated[
+        Literal["error", "quality"], Field(alias="for", description="What the refinement that added it was for.")
+    ]
 
 
 class _Range(BaseModel):
@@ -309,7 +312,13 @@ class RefinementAnswer(BaseModel):
     verb: str
     state: Literal["queued", "running", "published", "not_better", "failed", "cancelled", "given_up"]
     request: Annotated[dict[str, Any], Field(description="Request of the refinement, with its defaults filled in.")]
-    progress: Annotated[dict[str, Any], Field(description="`pseudo`, `error_mean`, `error_max`, and the `curve`.")]
+    progress: Annotated[
+        dict[str, Any],
+        Field(
+            description="`pseudo`; `error_mean` and `error_max`, or `cost_mean` and `cost_p95` for quality; their "
+            "`curve`; and `figures` before (`now`) and after (`new`) at goals that were held out."
+        ),
+    ]
     version_before: int | None
     version_after: int | None
     detail: str

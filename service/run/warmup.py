@@ -42,13 +42,21 @@ def load_building() -> None:
     """Import what sandboxes and refiners use, and load or compile their kernels."""
     from service.refinement.worker import main as worker  # noqa: F401
     from service.upload import sandbox  # noqa: F401
-    from verbs import library, refine
+    from verbs import library, refine, refine_quality
     from verbs.authoring.fit import build
+    from verbs.quality import foot_contact
+    from verbs.runtime.evaluate import Evaluator
 
     for name in ("arm3", "reach"):
         build(Path(library.__file__).parent / name)
     for _ in islice(refine.refine(library.load("arm3")), 2):
         pass
+    reach = library.load("reach")
+    for _ in islice(refine_quality.refine(reach, refine_quality.Rules(samples=40)), 2):
+        pass
+    evaluator = Evaluator(reach)
+    if known := foot_contact.contacts(evaluator):
+        foot_contact.slides(evaluator, known, reach.values[:1])
     _load_measures()
 
 

@@ -52,10 +52,12 @@ def held_out_goals(verb: Verb, seed: int, count: int = GOALS) -> F64:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of one version by ``corrected``, at held-out goals.
+    """Figures of one version at held-out goals.
 
     Parameters
     ----------
+    method : str
+        ``corrected``.
     cost_mean : float
     peak_p95_m_s2, peak_max_m_s2 : float
         Of the largest acceleration of a joint in each motion.
@@ -65,7 +67,7 @@ class Figures:
         Of the largest excess over a joint's range in each motion.
     slide_median_m, slide_p90_m, slide_max_m : float or None
         Slide of standing feet, without planting; None without feet.
-    error_max_m : float
+    error_mean_m, error_max_m : float
         In the unit of the measure.
     weight_sum_max : float
     smoothness, smoothness_points : float
@@ -73,6 +75,7 @@ class Figures:
     zoom_ratio : float
     """
 
+    method: str
     cost_mean: float
     peak_p95_m_s2: float
     peak_max_m_s2: float
@@ -81,6 +84,7 @@ class Figures:
     slide_median_m: float | None
     slide_p90_m: float | None
     slide_max_m: float | None
+    error_mean_m: float
     error_max_m: float
     weight_sum_max: float
     smoothness: float
@@ -172,6 +176,7 @@ def _judged(evaluator: Evaluator, cost: MotionCost, goals: F64, seed: int, feet:
     blend = evaluator.blend(points, method="corrected")
     charted = verb.domain.chart.points(points[:600])
     figures = Figures(
+        method="corrected",
         cost_mean=float(rows[:, 0].mean()),
         peak_p95_m_s2=float(np.percentile(rows[:, 1], 95)),
         peak_max_m_s2=float(rows[:, 1].max()),
@@ -180,6 +185,7 @@ def _judged(evaluator: Evaluator, cost: MotionCost, goals: F64, seed: int, feet:
         slide_median_m=slides.median_m if slides.stances else None,
         slide_p90_m=slides.p90_m if slides.stances else None,
         slide_max_m=slides.max_m if slides.stances else None,
+        error_mean_m=float(blend.error.mean()),
         error_max_m=float(blend.error.max()),
         weight_sum_max=float(np.abs(blend.weights).sum(axis=1).max()),
         smoothness=smoothness(evaluator, "corrected")[0],

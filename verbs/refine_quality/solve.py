@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize
 
 from verbs.blend.corrected import Corrected
 from verbs.conventions import F64
@@ -40,6 +39,8 @@ def better_weights(cost: MotionCost, corrected: Corrected, start: F64, goal: F64
 
     Source: D. Kraft, "A software package for sequential quadratic programming", DFVLR-FB 88-28, 1988.
     """
+    from scipy.optimize import minimize  # large, and servers check rules without it
+
     held = corrected.correction.fixed
     free = np.linalg.svd(held)[2][len(held) :].T  # columns span the steps that keep sum and style
     if not free.shape[1]:

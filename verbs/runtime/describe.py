@@ -225,13 +225,15 @@ def _examples(verb: Verb) -> list[dict[str, Any]]:
 
 
 def _pseudo_examples(verb: Verb) -> list[dict[str, Any]]:
-    """Where refinement put pseudo-examples."""
-    basis = verb.bases.get("refined")
-    if basis is None:
-        return []
-    values = basis.chart.adverbs(basis.centers[len(verb.examples) :])
-    points = _points(verb, values)
-    return [{"adverbs": _named(verb, row), "point": point} for row, point in zip(values, points, strict=True)]
+    """Where refinements for error and for quality put pseudo-examples."""
+    rows: list[dict[str, Any]] = []
+    for name, aim in (("refined", "error"), ("smooth", "quality")):
+        if name in verb.bases:
+            basis = verb.bases[name]
+            values = basis.chart.adverbs(basis.centers[len(verb.examples) :])
+            pairs = zip(values, _points(verb, values), strict=True)
+            rows += [{"adverbs": _named(verb, row), "point": point, "for": aim} for row, point in pairs]
+    return rows
 
 
 def _named(verb: Verb, row: F64) -> dict[str, float]:

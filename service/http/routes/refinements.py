@@ -23,6 +23,8 @@ from service.refinement.job_spec import RefinementSpec
 from service.refinement.queue import Refinements
 from service.state import ServerState
 from service.store.store import Job
+from verbs import refine_quality
+from verbs.blend.methods import default_method
 
 __all__ = ["router"]
 
@@ -41,13 +43,16 @@ ENDED = {"published", "not_better", "failed", "cancelled", "given_up"}
     response_model=RefinementAnswer,
     responses=problems(
         "unknown_verb", "read_only", "already_refining", "store_unavailable", "not_ready", "malformed_body",
-        "invalid_request", "unsupported_media_type",
+        "invalid_request", "out_of_range", "unsupported_media_type",
     ),
     openapi_extra=body(RefinementRequest),
     summary="Refine a verb",
 )  # fmt: skip
 async def start(request: Request, verb: VerbName) -> Response:
-    """Queue a refinement: a worker adds pseudo-examples where the error is largest, and publishes a better result.
+    """Queue a refinement: a worker adds pseudo-examples where the verb is worst, and publishes a better result.
+
+    For quality these are exact weights that move better, at goals where the motion is worst; for errors, weights that
+    meet the goal, where the error is largest.
 
     The new version becomes current only if the version that the refinement started from still is.
     """
@@ -55,7 +60,11 @@ async def start(request: Request, verb: VerbName) -> Response:
     refinements = _refinements(state)
     entry = state.current().entry(verb)
     content = await read_model(request, RefinementRequest)
-    spec = RefinementSpec.from_json(content.model_dump())
+    exact = default_method(entry.verb) == "corrected"
+    given = content.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
+    spec = RefinementSpec.of_request(given, exact=exact)
+    if spec.aim == "quality":
+        refine_quality.check(entry.verb)
     try:
         job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, "a client"))
     except AlreadyRunning as err:

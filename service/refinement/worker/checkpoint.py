@@ -18,7 +18,7 @@ from verbs.conventions import F64
 from verbs.refine import Mark, Rules, resume
 from verbs.verb import Basis, Chart, Verb
 
-__all__ = ["MAX_CURVE", "SETS", "Checkpoint", "resume_refinement"]
+__all__ = ["MAX_CURVE", "SETS", "Checkpoint", "decode", "encode", "resume_refinement"]
 
 MAX_CURVE = 200
 """Largest number of points of an error curve; further ones replace the most crowded point."""
@@ -72,28 +72,36 @@ class Checkpoint:
 
     def to_bytes(self) -> bytes:
         """Encode as a safetensors file; equal checkpoints give equal bytes."""
-        basis, chart = self.basis, self.basis.chart
-        arrays = {name: np.ascontiguousarray(getattr(basis, name)) for name in _ARRAYS}
-        arrays |= {f"chart.{name}": np.ascontiguousarray(getattr(chart, name)) for name in _CHART}
-        facts = {
-            "kind": chart.kind, "kernel": basis.radial_basis, "degree": basis.degree, "condition": basis.condition,
-            "marks": [asdict(mark) for mark in self.marks], "curves": self.curves,
-        }  # fmt: skip
-        return bytes(save(arrays, metadata={"checkpoint": json.dumps(facts, sort_keys=True)}))
+        return encode(self.basis, {"marks": [asdict(mark) for mark in self.marks], "curves": self.curves})
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Checkpoint:
         """Decode the result of :meth:`to_bytes`."""
-        arrays = load(data)
-        length = int.from_bytes(data[:8], "little")
-        facts: dict[str, Any] = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["checkpoint"])
-        chart = Chart(facts["kind"], *(arrays[f"chart.{name}"] for name in _CHART))
-        basis = Basis(
-            chart=chart, radial_basis=facts["kernel"], degree=facts["degree"], condition=facts["condition"],
-            **{name: arrays[name] for name in _ARRAYS},
-        )  # fmt: skip
+        basis, facts = decode(data)
         curves = tuple(tuple((int(n), mean, top) for n, mean, top in curve) for curve in facts["curves"])
         return cls(basis, tuple(Mark(**mark) for mark in facts["marks"]), curves)
+
+
+def encode(basis: Basis, facts: dict[str, Any]) -> bytes:
+    """A basis and further facts, JSON values, as a safetensors file; the same values give the same bytes."""
+    chart = basis.chart
+    arrays = {name: np.ascontiguousarray(getattr(basis, name)) for name in _ARRAYS}
+    arrays |= {f"chart.{name}": np.ascontiguousarray(getattr(chart, name)) for name in _CHART}
+    own = {"kind": chart.kind, "kernel": basis.radial_basis, "degree": basis.degree, "condition": basis.condition}
+    return bytes(save(arrays, metadata={"checkpoint": json.dumps(facts | own, sort_keys=True)}))
+
+
+def decode(data: bytes) -> tuple[Basis, dict[str, Any]]:
+    """Basis and facts of :func:`encode`."""
+    arrays = load(data)
+    length = int.from_bytes(data[:8], "little")
+    facts: dict[str, Any] = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["checkpoint"])
+    chart = Chart(facts["kind"], *(arrays[f"chart.{name}"] for name in _CHART))
+    basis = Basis(
+        chart=chart, radial_basis=facts["kernel"], degree=facts["degree"], condition=facts["condition"],
+        **{name: arrays[name] for name in _ARRAYS},
+    )  # fmt: skip
+    return basis, facts
 
 
 def resume_refinement(

@@ -23,11 +23,13 @@ import structlog
 
 from service.refinement.job_spec import RefinementSpec
 from service.refinement.usage_cells import merge_cells, sample_cells
-from service.refinement.worker.acceptance import compare, held_out
+from service.refinement.worker.acceptance import Comparison, compare, held_out
 from service.refinement.worker.checkpoint import SETS, Checkpoint, resume_refinement
+from service.refinement.worker.quality_checkpoint import QualityCheckpoint, resume_quality
 from service.refinement.worker.scratch import Scratch
 from service.store.records import ENDED, Job, JobEnded, StoreError, StoreUnavailable, UnknownVerb
 from service.store.store import Store
+from verbs import refine_quality
 from verbs.conventions import F64
 from verbs.errors import VerbError
 from verbs.io import artifact
@@ -37,7 +39,7 @@ from verbs.verb import Verb
 __all__ = ["STEP_S", "USAGE_S", "JobSteps", "WorkerStopping", "transient"]
 
 STEP_S = 2.0
-"""Shortest duration of a step, seconds; it ends with the next pseudo-example."""
+"""Shortest duration of a step, seconds; it ends with the next pseudo-example, or attempt."""
 
 USAGE_S = 7 * 24 * 3600.0
 """Age of the oldest usage that counts, seconds."""
@@ -49,6 +51,7 @@ _STREAM = 2
 
 State = dict[str, Any]
 Step = Callable[..., State]
+AnyCheckpoint = Checkpoint | QualityCheckpoint
 
 log = structlog.get_logger("adverb.worker")
 
@@ -119,7 +122,12 @@ class JobSteps:
             cells = self._cells(row.verb)
             if len(sample_cells(verb, cells, np.random.default_rng(0), 1)):
                 state["cells"] = scratch.put(json.dumps(cells).encode())
-        checkpoint = Checkpoint.start(verb, len(self._sets(job, verb, spec, state)))
+        checkpoint: AnyCheckpoint
+        if spec.aim == "quality":
+            refine_quality.check(verb)
+            checkpoint = QualityCheckpoint.start(verb)
+        else:
+            checkpoint = Checkpoint.start(verb, len(self._sets(job, verb, spec, state)))
         name = scratch.put(checkpoint.to_bytes())
         self._update(job, state="running", progress=_progress(checkpoint, spec, state))
         log.info("job begun", job=job, verb=row.verb, version=row.version_before)
@@ -137,9 +145,12 @@ class JobSteps:
             elapsed_s = time.monotonic() - began_s
             return self.stopping.is_set() or elapsed_s >= min(self.step_s, left_s)
 
-        sets = self._sets(job, verb, spec, state)
-        before = Checkpoint.from_bytes(scratch.get(state["checkpoint"]))
-        checkpoint = resume_refinement(verb, before, spec.rules, sets, should_stop=should_stop)
+        before = _checkpoint(scratch.get(state["checkpoint"]), spec)
+        if isinstance(before, QualityCheckpoint):
+            checkpoint: AnyCheckpoint = resume_quality(verb, before, spec.quality_rules, should_stop=should_stop)
+        else:
+            sets = self._sets(job, verb, spec, state)
+            checkpoint = resume_refinement(verb, before, spec.rules, sets, should_stop=should_stop)
         name = scratch.put(checkpoint.to_bytes())
         spent_s = round(state["spent_s"] + time.monotonic() - began_s, 3)
         stopped = checkpoint.stopped or ("budget spent" if spent_s >= spec.budget_s else "")
@@ -155,14 +166,14 @@ class JobSteps:
         if row.verb not in self.store.current():
             return {"better": False, "text": DELETED}
         spec, current = _spec(row), self._verb(row.verb, row.version_before)
-        checkpoint = Checkpoint.from_bytes(scratch.get(state["checkpoint"]))
-        new = with_basis(current, checkpoint.basis, spec.rules, checkpoint.mark)
-        cells = json.loads(scratch.get(state["cells"])) if state["cells"] else None
-        if cells:
-            made = {**new.provenance["refinement"], "weighted_by_traffic": True}
-            new = replace(new, provenance={**new.provenance, "refinement": made})
-        points = held_out(current, spec.seed, cells)
-        result = compare(current, new, spec.method, points)
+        checkpoint = _checkpoint(scratch.get(state["checkpoint"]), spec)
+        if isinstance(checkpoint, QualityCheckpoint):
+            new = refine_quality.with_basis(current, checkpoint.basis, spec.quality_rules, checkpoint.mark)
+            result: Comparison | refine_quality.Comparison = refine_quality.compare(current, new, spec.seed)
+        else:
+            cells = json.loads(scratch.get(state["cells"])) if state["cells"] else None
+            new = _refined(current, checkpoint, spec, weighted=bool(cells))
+            result = compare(current, new, spec.method, held_out(current, spec.seed, cells))
         figures = result.to_json() | {"against": row.version_before}
         self._update(job, progress=_progress(checkpoint, spec, state) | {"figures": figures})
         name = scratch.put_verb(new) if result.better else ""
@@ -221,6 +232,19 @@ class JobSteps:
         return [None, sample_cells(verb, cells, rng, spec.rules.samples)]
 
 
+def _checkpoint(data: bytes, spec: RefinementSpec) -> AnyCheckpoint:
+    return QualityCheckpoint.from_bytes(data) if spec.aim == "quality" else Checkpoint.from_bytes(data)
+
+
+def _refined(verb: Verb, checkpoint: Checkpoint, spec: RefinementSpec, *, weighted: bool) -> Verb:
+    """The verb with the basis of a refinement for error."""
+    new = with_basis(verb, checkpoint.basis, spec.rules, checkpoint.mark)
+    if not weighted:
+        return new
+    made = {**new.provenance["refinement"], "weighted_by_traffic": True}
+    return replace(new, provenance={**new.provenance, "refinement": made})
+
+
 def _problem(err: Exception) -> str:
     """Detail of a failed job; only errors of the library and the store are shown to users."""
     if not isinstance(err, VerbError | StoreError):
@@ -233,21 +257,27 @@ def _spec(row: Job) -> RefinementSpec:
     return RefinementSpec.from_json({name: value for name, value in row.request.items() if name != "author"})
 
 
-def _progress(checkpoint: Checkpoint, spec: RefinementSpec, state: State) -> dict[str, Any]:
-    """Progress of a job as JSON values; errors are shares of the diagonal."""
+def _progress(checkpoint: AnyCheckpoint, spec: RefinementSpec, state: State) -> dict[str, Any]:
+    """Progress of a job as JSON values."""
+    if isinstance(checkpoint, QualityCheckpoint):
+        own = checkpoint.progress()
+    else:
+        own = _error_progress(checkpoint)
+        own["note"] = "no usage was recorded" if spec.weighted_by_traffic and not state["cells"] else ""
+    ratio = 1.0 if state["stopped"] else max(own["pseudo"] / max(spec.max_pseudo, 1), state["spent_s"] / spec.budget_s)
+    run = {"ratio": round(min(ratio, 1.0), 4), "spent_s": state["spent_s"], "stopped": state["stopped"]}
+    return run | {"steps": checkpoint.steps} | own
+
+
+def _error_progress(checkpoint: Checkpoint) -> dict[str, Any]:
+    """Pseudo-examples and errors; errors are shares of the diagonal."""
     curves = {name: [list(row) for row in curve] for name, curve in zip(SETS, checkpoint.curves, strict=False)}
     pseudo, mean, top = checkpoint.curves[0][-1] if checkpoint.curves[0] else (0, None, None)
     pseudo = max((curve[-1][0] for curve in checkpoint.curves if curve), default=pseudo)
-    ratio = 1.0 if state["stopped"] else max(pseudo / max(spec.max_pseudo, 1), state["spent_s"] / spec.budget_s)
     return {
-        "ratio": round(min(ratio, 1.0), 4),
         "pseudo": pseudo,
         "error_mean": mean,
         "error_max": top,
-        "steps": checkpoint.steps,
-        "spent_s": state["spent_s"],
-        "stopped": state["stopped"],
-        "note": "no usage was recorded" if spec.weighted_by_traffic and not state["cells"] else "",
         "curve": curves["uniform"],
         "curve_traffic": curves.get("traffic", []),
     }

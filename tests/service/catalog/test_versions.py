@@ -136,6 +136,31 @@ async def test_a_refinement_is_followed_to_its_end_while_a_stream_runs(client, k
     assert [row["id"] for row in listed] == [last["id"]]
 
 
+async def test_a_refinement_for_quality_is_the_default_of_exact_verbs(client):
+    started = await client.post("/v1/verbs/reach/refinements", json={"max_pseudo": 3})
+    assert started.status_code == 202
+    assert started.json()["request"]["for"] == "quality"
+    ended = await until(client, started.headers["location"], lambda row: row["state"] not in ("queued", "running"))
+    assert (ended["state"], ended["version_after"]) == ("published", 2)
+    figures = ended["progress"]["figures"]
+    assert figures["new"]["cost_mean"] < 0.95 * figures["now"]["cost_mean"]
+    newest = (await client.get("/v1/verbs/reach/versions")).json()["versions"][0]
+    assert newest["quality"] == figures
+    await until(client, "/v1/verbs/reach", lambda row: row["version"] == 2)
+    described = (await client.get("/v1/verbs/reach")).json()
+    assert {row["for"] for row in described["pseudo_examples"]} == {"quality"}
+    worst = figures["worst"][0]["adverbs"]
+    for version in (1, 2):
+        pose = {"adverbs": worst, "phase": 0.5, "version": version}
+        answer = (await client.post("/v1/verbs/reach/pose", json=pose)).json()
+        assert (answer["version"], answer["method"]) == (version, "corrected")
+        assert answer["error"] < 1e-9
+    wrong = await client.post("/v1/verbs/reach/refinements", json={"for": "quality", "target_error": 0.1})
+    assert wrong.json()["code"] == "out_of_range"
+    assert (await client.post("/v1/verbs/reach/versions/1/activate")).status_code == 200
+    await until(client, "/v1/verbs/reach", lambda row: row["version"] == 1)
+
+
 async def test_a_refinement_can_be_cancelled_and_its_worker_killed(client, kept):
     requested = {"max_pseudo": 2000, "target_error": 1e-6, "priority": 1}
     job = (await client.post("/v1/verbs/reach/refinements", json=requested)).json()

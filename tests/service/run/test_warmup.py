@@ -13,7 +13,7 @@ from numba.core.dispatcher import Dispatcher
 from service.catalog.catalog import Entry
 from service.refinement.worker.acceptance import compare
 from tests.service.conftest import sway_source
-from verbs import library
+from verbs import library, refine_quality
 from verbs.authoring.fit import build
 from verbs.domain import random_points
 from verbs.io import artifact
@@ -42,6 +42,9 @@ def work() -> None:
     new = with_basis(verb, last.basis, rules, last.mark)
     compare(verb, new, "hybrid", random_points(verb, np.random.default_rng(0), 10))
     Entry.of_verb(new, path=folder)
+    reach, quality = library.load("reach"), refine_quality.Rules(samples=10, max_pseudo=1)
+    *_, step = refine_quality.refine(reach, quality)
+    refine_quality.compare(reach, refine_quality.with_basis(reach, step.basis, quality, step.mark), 1)
     sys.stdout.write(json.dumps({"before": before, "after": loaded(), "plots": "matplotlib" in sys.modules}))
 
 

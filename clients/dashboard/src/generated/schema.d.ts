@@ -263,7 +263,10 @@ export interface paths {
         put?: never;
         /**
          * Refine a verb
-         * @description Queue a refinement: a worker adds pseudo-examples where the error is largest, and publishes a better result.
+         * @description Queue a refinement: a worker adds pseudo-examples where the verb is worst, and publishes a better result.
+         *
+         *     For quality these are exact weights that move better, at goals where the motion is worst; for errors, weights that
+         *     meet the goal, where the error is largest.
          *
          *     The new version becomes current only if the version that the refinement started from still is.
          */
@@ -1127,7 +1130,7 @@ export interface components {
             id: string;
             /**
              * Progress
-             * @description `pseudo`, `error_mean`, `error_max`, and the `curve`.
+             * @description `pseudo`; `error_mean` and `error_max`, or `cost_mean` and `cost_p95` for quality; their `curve`; and `figures` before (`now`) and after (`new`) at goals that were held out.
              */
             progress: {
                 [key: string]: unknown;
@@ -1173,14 +1176,20 @@ export interface components {
              */
             budget_s: number;
             /**
-             * Max Pseudo
-             * @description Most pseudo-examples.
-             * @default 300
+             * For
+             * @description `quality`: better motion by `corrected`, which stays exact. `error`: smaller errors by `refined` and `hybrid`. Default: `quality` where the verb's default method is `corrected` and no option for errors is given.
+             * @default null
              */
-            max_pseudo: number;
+            for: ("quality" | "error") | null;
+            /**
+             * Max Pseudo
+             * @description Most pseudo-examples. Default: 8 for quality, at most 64; 300 for errors.
+             * @default null
+             */
+            max_pseudo: number | null;
             /**
              * Method
-             * @description Method by which the result is evaluated.
+             * @description For errors: method by which the result is evaluated.
              * @default refined
              * @enum {string}
              */
@@ -1198,13 +1207,13 @@ export interface components {
             seed: number;
             /**
              * Target Error
-             * @description Largest error at which to stop, as a share of the diagonal of the examples' goals.
+             * @description For errors: the largest at which to stop, as a share of the diagonal of the examples' goals.
              * @default 0.01
              */
             target_error: number;
             /**
              * Weighted By Traffic
-             * @description Whether to refine first where clients request the verb.
+             * @description For errors: whether to refine first where clients request the verb.
              * @default false
              */
             weighted_by_traffic: boolean;
@@ -1965,6 +1974,12 @@ export interface components {
             adverbs: {
                 [key: string]: number;
             };
+            /**
+             * For
+             * @description What the refinement that added it was for.
+             * @enum {string}
+             */
+            for: "error" | "quality";
             /**
              * Point
              * @description As of an example.
@@ -3062,7 +3077,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Invalid request */
+            /** @description Invalid request; out of range */
             422: {
                 headers: {
                     [name: string]: unknown;

@@ -16,7 +16,7 @@ import numpy as np
 
 from verbs.authoring import apex, basis, charts, curves
 from verbs.authoring.measuring import measure_of
-from verbs.authoring.source import Source, SourceExample, read
+from verbs.authoring.source import TAILS, Source, SourceExample, read
 from verbs.authoring.stated_contacts import contacts_of
 from verbs.blend.methods import default_method
 from verbs.conventions import F64
@@ -316,7 +316,7 @@ def _bases(source: Source, draft: Verb, values: F64) -> tuple[dict[str, Any], st
     chart, reason = charts.choose(source, draft.measure, values, start=draft.curves[1, :, :3].mean(axis=0))
     bases = {"rbf": basis.cardinal(plain, values, names=draft.examples)}
     if draft.measure.kind != measures.NOTHING:
-        bases["smooth"] = basis.smooth(chart, values, names=draft.examples)
+        bases["smooth"] = basis.smooth(chart, values, degree=TAILS.index(source.tail), names=draft.examples)
     return {"domain": basis.domain_of(chart, values), "bases": bases}, reason
 
 

@@ -26,10 +26,13 @@ MAX_TOML_BYTES = 4 * 1024 * 1024
 
 ROTATIONS = ("quaternion", "rotation_vector")
 
+TAILS = ("constant", "affine")
+"""Polynomial parts of the smooth basis, by degree."""
+
 _KEYS = {
     "name", "description", "looping", "climbing", "root", "effector", "effector_keytime_index", "measure",
     "keytime_names", "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
-    "contact", "contacts",
+    "contact", "contacts", "tail",
 }  # fmt: skip
 
 _TABLE_KEYS = {
@@ -99,6 +102,7 @@ class Source:
     goal: tuple[tuple[float, ...], ...]
     has_contacts: bool
     contacts: tuple[SourceContact, ...]
+    tail: str
     provenance: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
 
@@ -184,6 +188,7 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
         goal=_goal(reader, table, sum(not adverb.style for adverb in adverbs)),
         has_contacts=has_contacts,
         contacts=contacts,
+        tail=reader.choice(table, "tail", TAILS, default="affine"),
         provenance={key: value for key, value in table.items() if key not in _KEYS},
     )
 

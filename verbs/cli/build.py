@@ -30,6 +30,7 @@ def build_command(
     from verbs.authoring.fit import build
     from verbs.io import artifact
     from verbs.quality.foot_contact import slide_rows
+    from verbs.quality.leave_one_out import suggested_tail
 
     with progress() as report:
         built = build(folder, progress=report)
@@ -37,14 +38,18 @@ def build_command(
     artifact.save(built.verb, path)
     for warning in built.warnings:
         err.print(f"[yellow]warning:[/] {plain(warning)}", soft_wrap=True)
+    suggestion = suggested_tail(built.verb)
     if as_json:
         verb = built.verb
         print_json({"file": str(path), "name": verb.name, "examples": len(verb.examples), **verb.quality,
-                     "feet": slide_rows(verb), "warnings": list(built.warnings)})  # fmt: skip
+                     "feet": slide_rows(verb), "warnings": list(built.warnings),
+                     "suggestions": [suggestion] * bool(suggestion)})  # fmt: skip
         return
     out.print(_build_table(built, path))
     if rows := slide_rows(built.verb):
         out.print(_feet_table(rows))
+    if suggestion:
+        out.print(f"suggestion: {plain(suggestion)}", soft_wrap=True)
 
 
 def _build_table(built: Built, path: Path) -> Table:

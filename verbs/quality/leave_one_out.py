@@ -11,12 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from verbs.authoring import basis as bases
+from verbs.authoring.source import TAILS
+from verbs.errors import IllPosedVerb
 from verbs.kernels import measure as measures
 from verbs.kernels import quat
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Chart, Verb
 
-__all__ = ["LeftOut", "leave_one_out", "subset"]
+__all__ = ["LeftOut", "leave_one_out", "subset", "suggested_tail"]
+
+TAIL_GAIN = 0.03
+"""Share by which the mean angle of left-out examples has to fall for a tail to be suggested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +36,11 @@ class LeftOut:
 def subset(verb: Verb, kept: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Verb:
     """A verb of some of its examples; domain and bases are solved again, in charts of the same kind."""
     values = np.ascontiguousarray(verb.values[kept])
-    smooth = "smooth" in verb.bases
+    smooth = verb.bases.get("smooth")
     chart = _rescaled(verb.domain.chart, verb, values)
     fields = {"rbf": bases.cardinal(_rescaled(verb.bases["rbf"].chart, verb, values), values)}
-    if smooth:
-        fields["smooth"] = bases.smooth(chart, values)
+    if smooth is not None:
+        fields["smooth"] = bases.smooth(chart, values, degree=smooth.degree)
     return replace(
         verb,
         examples=tuple(verb.examples[i] for i in kept),
@@ -80,3 +85,26 @@ def leave_one_out(verb: Verb, methods: tuple[str, ...]) -> list[LeftOut]:
             angles[m, i] = np.linalg.norm(differences, axis=-1).mean()
             errors[m, i] = blend.error[0]
     return [LeftOut(name, float(angles[m].mean()), float(errors[m].mean())) for m, name in enumerate(methods)]
+
+
+def suggested_tail(verb: Verb) -> str:
+    """A sentence that suggests the other polynomial part of the smooth basis; empty where it predicts no better.
+
+    Examples are left out and predicted by ``corrected`` with an affine and with a constant part.
+    """
+    own = verb.bases.get("smooth")
+    if own is None:
+        return ""
+    other = bases.smooth(own.chart, verb.values, degree=1 - own.degree)
+    try:
+        (now,), (new,) = (leave_one_out(replace(verb, bases={**verb.bases, "smooth": one}), ("corrected",))
+                          for one in (own, other))  # fmt: skip
+    except IllPosedVerb:  # too few examples to leave one out
+        return ""
+    if not new.angle_mean_rad < (1.0 - TAIL_GAIN) * now.angle_mean_rad:
+        return ""
+    angles = [np.degrees(one.angle_mean_rad) for one in (now, new)]
+    return (
+        f'with tail = "{TAILS[other.degree]}" examples that are left out are predicted to {angles[1]:.2f}° of each '
+        f"joint instead of {angles[0]:.2f}°"
+    )

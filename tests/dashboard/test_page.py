@@ -88,6 +88,9 @@ def test_two_methods_are_compared(page):
 def test_a_refinement_publishes_a_version(page):
     page.open(verb="arm3", panel="quality", method="refined")
     page.tab.get_by_role("tab", name="Quality").click()
+    assert page.tab.get_by_label("Refine for").input_value() == "quality"
+    assert not page.tab.get_by_label("Target error, %").is_visible()
+    page.tab.get_by_label("Refine for").select_option("error")
     page.tab.get_by_label("Target error, %").fill("3")
     page.tab.get_by_label("Max. pseudo-examples").fill("30")
     page.tab.get_by_role("button", name="Start", exact=True).click()
@@ -96,6 +99,17 @@ def test_a_refinement_publishes_a_version(page):
     page.tab.get_by_role("tab", name="Versions").click()
     page.tab.get_by_role("button", name="Roll back to v1").click()
     page.until("adverb.shown.main?.version === 1")
+
+
+def test_the_worst_goals_of_a_refinement_are_played_before_and_after(page):
+    page.open(verb="reach", panel="quality")
+    page.tab.get_by_role("tab", name="Quality").click()
+    page.tab.get_by_label("Max. pseudo-examples").fill("3")
+    page.tab.get_by_role("button", name="Start", exact=True).click()
+    page.until("adverb.shown.main?.version === 2", timeout_s=180)
+    page.tab.get_by_text("Peak acceleration, p95").first.wait_for()
+    page.tab.get_by_role("button", name="Play x").first.click()
+    page.until("adverb.shown.comparison?.version === 1 && adverb.shown.main?.method === 'corrected'")
 
 
 def test_a_crowd_of_200_is_streamed_at_30_fps(page):

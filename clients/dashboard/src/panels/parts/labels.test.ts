@@ -12,6 +12,7 @@ describe("state texts of refinements", () => {
     ["0 pseudo-examples", { state: "running" }],
     ["1 pseudo-example, largest error 12 %", { state: "running", progress: { pseudo: 1, error_max: 0.1224 } }],
     ["34 pseudo-examples, largest error 0.95 %", { state: "running", progress: { pseudo: 34, error_max: 0.00952 } }],
+    ["2 pseudo-examples, mean cost 0.713", { state: "running", progress: { pseudo: 2, cost_mean: 0.7134 } }],
     [
       "Target met; comparing with the current version",
       { state: "running", progress: { pseudo: 34, stopped: "target met" } },

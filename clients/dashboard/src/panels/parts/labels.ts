@@ -1,22 +1,28 @@
 /** Texts about refinements and versions. */
 
 import type { Refinement, Version } from "../../types";
+import { digits } from "../../units";
 
 /** Progress of a refinement; missing fields get defaults. */
 export interface RefinementProgress {
   ratio: number;
   pseudo: number;
   error_max: number | null;
+  /** Mean cost of the motions, in a refinement for quality. */
+  cost_mean: number | null;
   stopped: string;
   note: string;
-  /** Pseudo-examples, then mean and largest error relative to the diagonal of the goal range. */
+  /**
+   * Pseudo-examples, then mean and largest error relative to the diagonal of the goal range; for quality, mean and 95th
+   * percentile of the cost.
+   */
   curve: readonly (readonly [number, number, number])[];
 }
 
 export function progressOf({ progress }: Refinement): RefinementProgress {
   const known = progress as Partial<RefinementProgress>;
-  const { ratio = 0, pseudo = 0, error_max = null, stopped = "", note = "", curve = [] } = known;
-  return { ratio, pseudo, error_max, stopped, note, curve };
+  const { ratio = 0, pseudo = 0, error_max = null, cost_mean = null, stopped = "", note = "", curve = [] } = known;
+  return { ratio, pseudo, error_max, cost_mean, stopped, note, curve };
 }
 
 export function running({ state }: Refinement): boolean {
@@ -47,10 +53,11 @@ export function stateText(refinement: Refinement): string {
   }
 }
 
-function runningText({ pseudo, error_max, stopped }: RefinementProgress): string {
+function runningText({ pseudo, error_max, cost_mean, stopped }: RefinementProgress): string {
   if (stopped) return `${capitalised(stopped)}; comparing with the current version`;
   const error = error_max === null ? "" : `, largest error ${percent(error_max)}`;
-  return `${pseudo} pseudo-example${pseudo === 1 ? "" : "s"}${error}`;
+  const cost = cost_mean === null ? "" : `, mean cost ${digits(cost_mean)}`;
+  return `${pseudo} pseudo-example${pseudo === 1 ? "" : "s"}${error}${cost}`;
 }
 
 function withDetail(label: string, detail: string): string {

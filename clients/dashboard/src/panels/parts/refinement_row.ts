@@ -3,8 +3,10 @@
 import { h } from "../../shell/dom";
 import { methodLabel } from "../../shell/header";
 import type { App, Refinement } from "../../types";
+import { digits } from "../../units";
 import { Chart } from "./chart";
 import { ageText, detailText, percent, progressOf, running, stateText } from "./labels";
+import { figuresElement, qualityFigures } from "./refinement_figures";
 
 /** Poll a refinement after this long without an event. */
 const POLL_AFTER_MS = 5000;
@@ -21,6 +23,17 @@ const CURVE = {
   log: true,
 };
 
+const COST = {
+  title: "Cost of the motions by pseudo-examples",
+  lines: [
+    { label: "95th percentile", colour: "--accent" },
+    { label: "mean", colour: "--quiet" },
+  ],
+  format: (cost: number | null | undefined) => (cost ? digits(cost) : "–"),
+  tick: (cost: number) => digits(cost),
+  log: true,
+};
+
 export class RefinementRow {
   readonly element: HTMLElement;
   refinement: Refinement;
@@ -31,6 +44,7 @@ export class RefinementRow {
   private readonly stop = h("button", { type: "button", onclick: () => void this.cancel() }, "Cancel");
   private readonly body = h("div", { className: "refinement-body" });
   private chart: Chart | null = null;
+  private figures: HTMLElement | null = null;
   private unfollow = () => {};
   private timer: ReturnType<typeof setInterval> | undefined;
   private updatedMs = performance.now();
@@ -113,22 +127,34 @@ export class RefinementRow {
   private draw(): void {
     const { curve } = progressOf(this.refinement);
     const open = this.element instanceof HTMLDetailsElement && this.element.open;
-    if (!open || curve.length < 2) return;
+    if (!open) return;
+    this.drawFigures();
+    if (curve.length < 2) return;
+    const quality = this.refinement.request.for === "quality";
     if (!this.chart) {
-      this.chart = new Chart(CURVE);
+      this.chart = new Chart(quality ? COST : CURVE);
       this.body.prepend(this.chart.element);
     }
     const target = Number(this.refinement.request.target_error) || null;
     const column = (k: 1 | 2) => curve.map((row) => row[k] || null);
     this.chart.show(
       curve.map(([pseudo]) => pseudo),
-      [column(2), column(1), curve.map(() => target)],
+      quality ? [column(2), column(1)] : [column(2), column(1), curve.map(() => target)],
     );
+  }
+
+  /** Figures before and after, once they are known. */
+  private drawFigures(): void {
+    const known = qualityFigures(this.refinement);
+    if (!known || this.figures || running(this.refinement)) return;
+    this.figures = figuresElement(this.app, this.refinement, known);
+    this.body.append(this.figures);
   }
 }
 
 function requestText({ request }: Refinement): string {
   const { target_error, max_pseudo, budget_s, method, weighted_by_traffic } = request;
+  if (request.for === "quality") return `For calmer motion, ${max_pseudo} pseudo-examples at most, ${budget_s} s`;
   const usage = weighted_by_traffic ? ", weighted by usage" : "";
   return `Target ${percent(Number(target_error))}, ${max_pseudo} pseudo-examples, ${budget_s} s, evaluated with ${methodLabel(String(method))}${usage}`;
 }

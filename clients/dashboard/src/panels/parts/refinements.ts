@@ -18,20 +18,32 @@ export class Refinements {
   private readonly form = refinementForm((request) => this.start(request));
   private rows: RefinementRow[] = [];
   private verb = "";
+  /** Verb for which the form has its default. */
+  private aimed = "";
 
   constructor(
     private readonly app: App,
     private readonly disposables: Disposables,
   ) {
-    const parts = [h("h2", {}, "Refinement"), this.form, this.failure, this.list];
+    const parts = [h("h2", {}, "Refinement"), this.form.element, this.failure, this.list];
     this.element = h("section", { "aria-label": "Refinement" }, ...parts);
     const timer = setInterval(() => this.age(), AGE_MS);
     disposables.add(
       () => clearInterval(timer),
       app.store.on(["verb"], () => void this.load()),
+      app.on("verb", () => this.setAim()),
       () => this.clear(),
     );
+    this.setAim();
     void this.load();
+  }
+
+  /** An exact verb has no error to refine. */
+  private setAim(): void {
+    const { verb } = this.app;
+    if (!verb || verb.name === this.aimed) return;
+    this.aimed = verb.name;
+    this.form.setAim(verb.default_method === "corrected" ? "quality" : "error");
   }
 
   private age(): void {
@@ -41,7 +53,7 @@ export class Refinements {
   private clear(): void {
     for (const row of this.rows.splice(0)) row.dispose();
     this.failure.hidden = true;
-    this.form.hidden = false;
+    this.form.element.hidden = false;
   }
 
   private async load(): Promise<void> {
@@ -82,6 +94,6 @@ export class Refinements {
     const readOnly = err instanceof Problem && err.code === "read_only";
     this.failure.textContent = readOnly ? `Read-only: ${err.detail}.` : textOf(err);
     this.failure.hidden = false;
-    this.form.hidden = readOnly;
+    this.form.element.hidden = readOnly;
   }
 }

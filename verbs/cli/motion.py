@@ -34,11 +34,12 @@ def print_motion(verb: Verb, method: str, goals: int, *, as_json: bool) -> None:
 def _table(found: Comparison) -> Table:
     from verbs.quality.motion import FIGURES
 
-    heads = ("figure", "unit", "examples", f"{found.goals} blends", "")
-    table = Table(*heads, title=f"{found.verb}, whole motions by {found.method}", title_justify="left")
+    sides = [found.examples, found.blends, *([] if found.planted is None else [found.planted])]
+    heads = ("figure", "unit", "examples", f"{found.goals} blends", "planted")[: 2 + len(sides)]
+    table = Table(*heads, "", title=f"{found.verb}, whole motions by {found.method}", title_justify="left")
     for figure in FIGURES:
         reason = found.blends.reasons.get(figure.key, found.examples.reasons.get(figure.key, ""))
-        table.add_row(figure.name, figure.unit, _cell(figure, found.examples), _cell(figure, found.blends), reason)
+        table.add_row(figure.name, figure.unit, *(_cell(figure, side) for side in sides), reason)
     return table
 
 

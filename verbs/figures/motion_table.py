@@ -22,10 +22,11 @@ _GROUPS = (
 _HEAD = """
 ## Figures of motion
 
-Whole motions at 60 Hz, of the examples / of the blends at {goals} random goals in the domain (seed {seed}), by the
-verb's default method. [math.md](math.md#figures-of-motion) defines each figure. A toe is low under {low:g} cm above its
-standing height, and skates above {skate:g} m/s. – stands where a figure does not apply: no feet, no loop, no standard
-joint names, or a body that never rests over its feet. `adverb measure VERB --motion` prints the same.
+Whole motions at 60 Hz, of the examples / of the blends at {goals} random goals in the domain (seed {seed}) / of the
+same blends with planted feet, where there are feet; by the verb's default method.
+[math.md](math.md#figures-of-motion) defines each figure. A toe is low under {low:g} cm above its standing height, and
+skates above {skate:g} m/s. – stands where a figure does not apply: no feet, no loop, no standard joint names, or a body
+that never rests over its feet. `adverb measure VERB --motion` prints the same.
 """
 
 
@@ -50,8 +51,11 @@ def section(found: Mapping[str, Comparison]) -> str:
 
 
 def _cell(one: Comparison, figure: Figure) -> str:
-    pair = [side.values[figure.key] for side in (one.examples, one.blends)]
-    return "–" if pair == [None, None] else " / ".join(_number(value, figure.factor) for value in pair)
+    sides = (one.examples, one.blends) if one.planted is None else (one.examples, one.blends, one.planted)
+    values = [side.values[figure.key] for side in sides]
+    return (
+        "–" if all(value is None for value in values) else " / ".join(_number(value, figure.factor) for value in values)
+    )
 
 
 def _number(value: float | None, factor: float) -> str:

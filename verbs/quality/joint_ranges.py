@@ -13,10 +13,15 @@ from verbs.quality.samples import Sample
 
 __all__ = ["Ranges"]
 
+RIGID_RAD = 1e-3
+"""A joint whose rotation vectors vary less than this in all examples is rigid."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ranges:
-    """Box of each joint but the root, whose rotation is a heading and no limit of a joint.
+    """Box of each joint but two kinds: the root, whose rotation is a heading, and joints that no example moves.
+
+    Captures often have rigid toes. Planting bends them, and the examples say nothing about how far they bend.
 
     Rotation vectors are those of the rotation from the verb's reference rotation of the joint, so that they stay far
     from half a turn.
@@ -25,7 +30,7 @@ class Ranges:
     ----------
     references : (J, 4) float64
     low, high : (J, 3) float64
-        Radians; infinite for the root.
+        Radians; infinite where a joint has no box.
     """
 
     references: F64
@@ -38,7 +43,9 @@ class Ranges:
         vectors = [_vectors(references, one.rotations) for one in examples]
         low = np.min([rows.min(axis=0) for rows in vectors], axis=0)
         high = np.max([rows.max(axis=0) for rows in vectors], axis=0)
-        low[0], high[0] = -np.inf, np.inf
+        free = np.all(high - low < RIGID_RAD, axis=1)
+        free[0] = True
+        low[free], high[free] = -np.inf, np.inf
         return cls(references, low, high)
 
     def excess(self, rotations: F64) -> F64:

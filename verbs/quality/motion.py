@@ -95,17 +95,22 @@ class Figures:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Figures of a verb's examples, and of blends by a method at so many goals in the domain."""
+    """Figures of a verb's examples, and of blends by a method at so many goals in the domain.
+
+    ``planted`` are those of the same blends with planted feet; None where a verb has no contacts to plant by.
+    """
 
     verb: str
     method: str
     goals: int
     examples: Figures
     blends: Figures
+    planted: Figures | None
 
     def as_dict(self) -> dict[str, object]:
         """JSON values."""
-        sides = {"examples": dict(self.examples.values), "blends": dict(self.blends.values)}
+        sides: dict[str, object] = {"examples": dict(self.examples.values), "blends": dict(self.blends.values)}
+        sides["planted"] = None if self.planted is None else dict(self.planted.values)
         reasons = {**self.blends.reasons, **self.examples.reasons}
         return {"verb": self.verb, "method": self.method, "goals": self.goals, **sides, "reasons": reasons}
 
@@ -141,12 +146,20 @@ def compare(
     blend = evaluator.blend(rows, method=method)
     own = judge.figures(judge.samples, examples(evaluator))
     blends = [one_of(blend, k) for k in range(len(rows))]
-    samples = []
-    for k, one in enumerate(blends):
-        if progress is not None:
-            progress(f"motions of {verb.name}", k + 1, len(blends))
-        samples.append(sample(evaluator, one))
-    return Comparison(verb.name, blend.method, len(rows), own, judge.figures(samples, blends))
+    sides: list[Figures | None] = []
+    for plant in (False, True):
+        if plant and verb.contacts is None:
+            sides.append(None)
+            continue
+        samples = []
+        for k, one in enumerate(blends):
+            if progress is not None:
+                progress(f"motions of {verb.name}{', planted' * plant}", k + 1, len(blends))
+            samples.append(sample(evaluator, one, plant=plant))
+        sides.append(judge.figures(samples, blends, plant=plant))
+    unplanted, planted = sides
+    assert unplanted is not None
+    return Comparison(verb.name, blend.method, len(rows), own, unplanted, planted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,14 +203,14 @@ class _Judge:
             Capsules.of_skeleton(skeleton), *(np.array(found, np.int64) for found in (legs, knees, toes)),
         )  # fmt: skip
 
-    def figures(self, samples: Sequence[Sample], blends: Sequence[Blend]) -> Figures:
-        """Figures of motions, sampled and as blends."""
+    def figures(self, samples: Sequence[Sample], blends: Sequence[Blend], *, plant: bool = False) -> Figures:
+        """Figures of motions, sampled and as blends, with planted feet or not."""
         values: dict[str, float | None] = {figure.key: None for figure in FIGURES}
         reasons: dict[str, str] = {}
         for part in (self._feet, self._joints, self._bodies, self._balance):
             part(samples, values, reasons)
         if self.evaluator.verb.looping:
-            seams = np.array([_seam(self.evaluator, blend) for blend in blends])
+            seams = np.array([_seam(self.evaluator, blend, plant=plant) for blend in blends])
             values["seam_position_m"], values["seam_velocity_m_s"] = seams.max(axis=0).tolist()
         else:
             _note(reasons, "the verb does not loop", "seam_position_m", "seam_velocity_m_s")
@@ -301,13 +314,13 @@ def _angular_accelerations(one: Sample, joints: I64) -> F64:
     return np.asarray(np.linalg.norm(second, axis=-1), np.float64)
 
 
-def _seam(evaluator: Evaluator, blend: Blend) -> tuple[float, float]:
+def _seam(evaluator: Evaluator, blend: Blend, *, plant: bool) -> tuple[float, float]:
     """Jump of position (m) and of velocity (m/s) at the seam of a loop, of the joint where it is largest.
 
     Both sides are extrapolated to the seam by the parabola through three poses.
     """
     steps = np.array([3.0, 2.0, 1.0]) * SEAM_PHASE
-    poses = evaluator.pose_of(blend, phase=np.concatenate([1.0 - steps, 1.0 + steps[::-1]]))
+    poses = evaluator.pose_of(blend, phase=np.concatenate([1.0 - steps, 1.0 + steps[::-1]]), plant=plant)
     places, times = evaluator.positions(poses)[1], poses.time_s
     period = float(poses.duration_s[0])
     before, after = _at_end(times[:3], places[:3], period), _at_end(times[3:], places[3:], period)

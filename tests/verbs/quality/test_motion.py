@@ -87,6 +87,9 @@ def test_a_joint_that_leaves_the_range_of_the_examples_by_a_known_angle():
     assert ranges.excess(beyond)[0, 1] == pytest.approx(0.3, abs=1e-9)
     beyond[0, 0] = quat.exp(np.array([3.0, 0.0, 0.0]))
     assert ranges.excess(beyond)[0, 0] == 0.0, "the root has no range"
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (61, 2, 1))
+    rigid = Ranges.of_samples(np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)), [sample_of(np.zeros((61, 2, 3)), still, still)])
+    assert rigid.excess(beyond)[0, 1] == 0.0, "no example moves this joint"
 
 
 def test_distances_of_segments_agree_with_a_fine_grid():
@@ -185,7 +188,7 @@ def test_standard_names_may_have_a_prefix_and_none_may_be_missing(reach):
 def test_every_figure_has_a_value_or_a_reason(reach, compared):
     verbs = [compared, motion.compare(library.load("arm3"), goals=2)]
     for one in verbs:
-        for side in (one.examples, one.blends):
+        for side in filter(None, (one.examples, one.blends, one.planted)):
             assert set(side.values) == {figure.key for figure in motion.FIGURES}
             for key, value in side.values.items():
                 assert (value is None) == (key in side.reasons)
@@ -201,6 +204,13 @@ def test_examples_stay_in_their_own_range_and_blends_slide_more(compared):
     assert blends["range_max_rad"] > 0.0
     assert own["slide_max_m"] < 1e-4 < blends["slide_max_m"]
     assert blends["slide_median_m"] <= blends["slide_p90_m"] <= blends["slide_max_m"]
+
+
+def test_planted_feet_do_not_slide_and_the_verb_without_feet_has_no_such_figures(compared):
+    assert compared.planted.values["slide_max_m"] < 0.2 * compared.blends.values["slide_max_m"]
+    assert compared.planted.values["penetration_m"] < 0.5 * compared.blends.values["penetration_m"]
+    assert compared.planted.values["effector_speed_median_m_s"] > 0.0
+    assert motion.compare(library.load("arm3"), goals=2).planted is None
 
 
 def test_the_seam_of_a_loop_is_closed_and_an_open_one_is_measured(tmp_path):

@@ -111,7 +111,8 @@ class Comparison:
         """JSON values."""
         sides: dict[str, object] = {"examples": dict(self.examples.values), "blends": dict(self.blends.values)}
         sides["planted"] = None if self.planted is None else dict(self.planted.values)
-        reasons = {**self.blends.reasons, **self.examples.reasons}
+        planted = {} if self.planted is None else self.planted.reasons
+        reasons = {**planted, **self.blends.reasons, **self.examples.reasons}
         return {"verb": self.verb, "method": self.method, "goals": self.goals, **sides, "reasons": reasons}
 
 

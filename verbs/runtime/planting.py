@@ -278,15 +278,27 @@ class _Source:
         return self.clip.path(int(self.contacts.joints[point]), self.contacts.offsets[point])
 
     def level(self, part: int) -> F64:
-        """Height (F,) of the ground under a point, where it stands, and between two stances in a line."""
-        point, path = self.own.get(part, self.own[_BALL]), self.path(part)[:, 1]
+        """Height (F,) of the ground under a point, where it stands, and on the straight way from stance to stance."""
+        point, path = self.own.get(part, self.own[_BALL]), self.path(part)
         if not self.verb.strides[:, :, 3].any():  # level ground
             return np.full(len(path), self.contacts.heights[self.example, point])
-        stands, frames = self.stands(part), np.arange(len(path))
+        stands = self.stands(part)
         if not stands.any():
-            return path
-        heights = _places(path[:, None], stands, stands)
-        return np.asarray(np.interp(frames, frames[stands], heights[stands, 0]))
+            return path[:, 1]
+        return _ground(path, _places(path, stands, stands), np.flatnonzero(stands))
+
+
+def _ground(path: F64, places: F64, standing: I64) -> F64:
+    """Height (F,) under a path (F, 3), between its places (F, 3) in the frames in which it is ``standing``."""
+    heights = places[:, 1].copy()
+    for first, last in zip(standing[:-1].tolist(), standing[1:].tolist(), strict=True):
+        if last > first + 1:
+            way = (places[last] - places[first])[[0, 2]]
+            gone = (path[first : last + 1] - places[first])[:, [0, 2]] @ way / max(float(way @ way), 1e-6)
+            heights[first : last + 1] += np.clip(gone, 0.0, 1.0) * (places[last, 1] - places[first, 1])
+            heights[last] = places[last, 1]
+            heights[first + 1 : last] += places[first, 1] - places[first + 1 : last, 1]
+    return heights
 
 
 def _tracked(source: _Source, side: F64, sizes: F64) -> tuple[F32, F64]:

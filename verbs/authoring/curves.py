@@ -36,16 +36,17 @@ class Curves:
     warnings: tuple[str, ...]
 
 
-def canonical_phases(keytimes: F64, rate_hz: float) -> tuple[F64, int]:
+def canonical_phases(keytimes: F64, rate_hz: float, *, count: int = 0) -> tuple[F64, int]:
     """Phases (M,) of the keytimes and the number of intervals K, so that each phase is a multiple of 1/K.
 
-    The phase of a keytime is the mean over examples of its share of the motion. K is the least number that gives
-    every example ``rate_hz`` samples per second in every segment.
+    The phase of a keytime is the mean over examples of its share of the motion. K is ``count`` where that is given;
+    else the least number that gives every example ``rate_hz`` samples per second in every segment.
     """
     shares = (keytimes - keytimes[:, :1]) / (keytimes[:, -1:] - keytimes[:, :1])
     mean = shares.mean(axis=0)
-    needed = np.diff(keytimes, axis=1).max(axis=0) * rate_hz / np.diff(mean)
-    count = max(int(np.ceil(needed.max())), 2 * len(mean))
+    if not count:
+        count = int(np.ceil((np.diff(keytimes, axis=1).max(axis=0) * rate_hz / np.diff(mean)).max()))
+    count = max(count, 2 * len(mean))
     if count >= MAX_KEYS:
         seconds = (keytimes[:, -1] - keytimes[:, 0]).max()
         raise IllPosedVerb(

@@ -103,7 +103,7 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     root_motion = poses.STRIDE if source.looping else poses.ABSOLUTE
     mode = poses.ROTATION_VECTOR if source.rotations == "rotation_vector" else poses.NLERP
     rate = max(curves.CURVE_RATE_HZ, min(120.0, max(motion.fps for motion in motions)))
-    phases, intervals = curves.canonical_phases(keytimes, rate)
+    phases, intervals = curves.canonical_phases(keytimes, rate, count=source.samples)
     fitted = curves.fit(
         motions,
         names,

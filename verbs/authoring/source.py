@@ -14,7 +14,7 @@ from typing import Any
 
 from verbs import units
 from verbs.authoring.source_contacts import SourceContact, read_contacts
-from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYTIMES, MAX_MAGNITUDE, METRES_PER_UNIT
+from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, MAX_MAGNITUDE, METRES_PER_UNIT
 from verbs.errors import SourceError
 from verbs.kernels.chart import CHARTS
 from verbs.kernels.measure import MEASURES
@@ -30,7 +30,7 @@ TAILS = ("constant", "affine")
 """Polynomial parts of the smooth basis, by degree."""
 
 _KEYS = {
-    "name", "description", "looping", "climbing", "root", "effector", "effector_keytime_index", "measure",
+    "name", "description", "looping", "climbing", "samples", "root", "effector", "effector_keytime_index", "measure",
     "keytime_names", "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
     "contact", "contacts", "tail",
 }  # fmt: skip
@@ -88,6 +88,7 @@ class Source:
     description: str
     looping: bool
     climbing: bool
+    samples: int
     root: str | None
     effector: str | None
     effector_keytime: int
@@ -167,6 +168,9 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
     climbing = reader.flag(table, "climbing", default=False)
     if climbing and not looping:
         raise SourceError(path, "climbing is for looping verbs: the root of others keeps its height anyway")
+    samples = reader.integer(table, "samples", default=0)
+    if samples < 0 or samples >= MAX_KEYS:
+        raise SourceError(path, f"samples is {samples}; give 1 to {MAX_KEYS - 1}, or leave it out")
     has_contacts, contacts = read_contacts(path, table, [example.name for example in examples], looping=looping)
     return Source(
         path=path,
@@ -174,6 +178,7 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
         description=reader.text(table, "description", default=""),
         looping=looping,
         climbing=climbing,
+        samples=samples,
         root=reader.text(table, "root", default="") or None,
         effector=reader.text(table, "effector", default="") or None,
         effector_keytime=effector_keytime,

@@ -10,7 +10,7 @@ from verbs.authoring import basis as bases
 from verbs.authoring.curves import canonical_phases
 from verbs.authoring.fit import build
 from verbs.authoring.source import read
-from verbs.errors import IllPosedVerb
+from verbs.errors import IllPosedVerb, SourceError
 from verbs.io import artifact, bvh
 from verbs.kernels import fk, quat, radial_basis
 from verbs.runtime.evaluate import Evaluator
@@ -23,6 +23,19 @@ MOCAP = ["reach", "reach_left", "punch", "kick", "jump", "locomotion"]
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory) -> Verb:
     return build(arm_source(tmp_path_factory.mktemp("arm"))).verb
+
+
+def test_a_source_may_state_the_number_of_samples(tmp_path, arm):
+    folder = arm_source(tmp_path / "arm")
+    text = (folder / "verb.toml").read_text()
+    (folder / "verb.toml").write_text("samples = 24\n" + text)
+    few = build(folder).verb
+    assert few.intervals == 24 < arm.intervals
+    assert few.phases[1] * 24 == round(few.phases[1] * 24), "keytimes are on samples"
+    assert arm.quality["curve_error_max_m"] < few.quality["curve_error_max_m"] < 1e-3
+    (folder / "verb.toml").write_text("samples = 9999\n" + text)
+    with pytest.raises(SourceError, match="samples is 9999; give 1 to 8191"):
+        build(folder)
 
 
 @pytest.mark.parametrize("method", ["rbf", "corrected"])

@@ -10,18 +10,22 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tools.authoring import arm3, board, jump, kick, lift, punch, reach
+from tools.authoring import arm3, board, jog, jump, kick, lift, locomotion, mood, punch, reach, walk
 from tools.authoring.source import Source, write
 from verbs import library
 
 VERBS: dict[str, Callable[[], Source]] = {
     "arm3": arm3.source,
     "board": board.source,
+    "jog": jog.source,
     "jump": jump.source,
     "kick": kick.source,
     "lift": lift.source,
+    "locomotion": locomotion.source,
+    "mood": mood.source,
     "punch": punch.source,
     "reach": reach.source,
+    "walk": walk.source,
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,9 @@ from verbs.motion import Motion
 __all__ = ["Adverb", "Example", "Source", "measured", "write"]
 
 _AXES = {"x": 0, "y": 1, "z": 2}
+
+_GIVEN = ("root_velocity", "none")
+"""Measures whose adverbs are those that the author aims at: a path of constant speeds, or style alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +45,16 @@ class Example:
     keytimes : (K,) float64
         Seconds, each on a frame.
     style : tuple of float
-        Values of the style adverbs, which stand after the measured ones.
+        Values of the style adverbs, which stand after the measured ones; of all adverbs of a path's speeds.
+    contacts : mapping of (str, str) to list of (float, float)
+        Foot joint and part, and the intervals, s, in which it stands; what is not named is detected.
     """
 
     name: str
     motion: Motion
     keytimes: F64
     style: tuple[float, ...] = ()
+    contacts: Mapping[tuple[str, str], list[tuple[float, float]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,20 +94,29 @@ def write(source: Source, folder: Path) -> Iterable[str]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     blocks, written = [], set()
+    contacts: dict[tuple[str, str], dict[str, list[list[float]]]] = {}
     for example in source.examples:
         path = folder / f"{example.name}.bvh"
         bvh.write(example.motion, path, decimals=source.decimals)
-        point = measured(source, path, example.keytimes)
-        values = [round(float(value), 9) for value in _coordinates(source, point)]
+        values: list[float] = []
+        if source.keys["measure"] not in _GIVEN:
+            point = measured(source, path, example.keytimes)
+            values = [round(float(value), 9) for value in _coordinates(source, point)]
         rows = {"file": path.name, "keytimes": example.keytimes.tolist(), "adverb_values": [*values, *example.style]}
         blocks.append(_table("[[example]]", rows))
         written.add(path)
+        for where, spans in example.contacts.items():
+            contacts.setdefault(where, {})[example.name] = [list(span) for span in spans]
         yield example.name
     for stale in sorted(set(folder.glob("*.bvh")) - written):
         stale.unlink()
     head = "".join(f"# {line}\n" for line in source.comment.splitlines())
     units = _table("[units]", {"length": "m", "time": "s", "bvh_angle": "deg"})
     adverbs = [_table("[[adverb]]", _adverb_rows(each)) for each in source.adverbs]
+    blocks += [
+        _table("[[contact]]", {"joint": joint, "part": part, "intervals": intervals})
+        for (joint, part), intervals in contacts.items()
+    ]
     text = "\n".join([head + _rows(source.keys), units, *adverbs, *blocks])
     (folder / "verb.toml").write_text(text, encoding="utf-8", newline="\n")
 

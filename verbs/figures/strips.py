@@ -374,7 +374,7 @@ def _named(verb: Verb, axis: int, value: float) -> str:
 def _value(verb: Verb, axis: int, value: float, *, bare: bool = False) -> str:
     """Text such as ``height 0.42 m``, with as many digits as the range needs; without the name where ``bare``."""
     adverb = verb.adverbs[axis]
-    unit, number = adverb.unit, float(value)
+    unit, number = {"none": "", "deg": "°", "deg/s": "°/s"}.get(adverb.unit, adverb.unit), float(value)
     width = adverb.maximum - adverb.minimum
     if unit in ("rad", "rad/s"):
         unit, number, width = unit.replace("rad", "°"), float(np.degrees(number)), float(np.degrees(width))

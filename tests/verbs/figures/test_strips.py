@@ -137,3 +137,9 @@ def test_adverbs_named_as_the_other_strips_have_names_of_their_own(arm):
         arm, adverbs=tuple(replace(one, name=name) for one, name in zip(arm.adverbs, ("time", "grid"), strict=True))
     )
     assert list(named(odd)) == ["time", "along_time", "along_grid", "grid"]
+
+
+@pytest.mark.parametrize(("unit", "text"), [("none", "0.50"), ("deg", "0.50°"), ("m", "0.50 m"), ("", "0.50")])
+def test_values_have_their_unit_if_they_have_one(arm, unit, text):
+    adverb = replace(arm.adverbs[0], unit=unit, minimum=0.0, maximum=1.0)
+    assert module._value(replace(arm, adverbs=(adverb, arm.adverbs[1])), 0, 0.5, bare=True) == text

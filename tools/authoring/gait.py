@@ -132,7 +132,6 @@ def _legs(
 ) -> Legs:
     """Feet over a cycle."""
     curve, duty = pitch_curve(gait), gait.duty
-    swing = Swing(gait.early_lift, gait.late_lift, gait.early_ahead, gait.late_ahead)
     out = -0.93 * np.tan(lean_of(path))
     rows = []
     for side, (_, sign) in enumerate(SIDES):
@@ -148,6 +147,7 @@ def _legs(
         offset = np.stack([beside, np.zeros(len(own)), gait.ahead + shift[own, 1]], axis=-1)
         places = places + quat.rotate(about(1, headings), offset)
         steps = Steps(first, places, headings + sign * np.radians(gait.turn_out) + shift[own, 2], 1.0 + shift[own, 3])
+        swing = Swing(gait.early_lift, gait.late_lift, gait.early_ahead, gait.late_ahead, sign * gait.out)
         ankles, yaws, pitches = track(phases, steps, duty, curve, _foot(), swing)
         rows.append((phases, ankles, yaws, pitches, _toes(phases % 1.0, pitches, duty)))
     return Legs(*(np.stack(part) for part in zip(*rows, strict=True)))

@@ -68,6 +68,8 @@ class Gait:
         after it, twice in the swing, and shortly before the strike. Toes up is positive.
     early_lift, late_lift, early_ahead, late_ahead : float
         See :class:`tools.authoring.steps.Swing`.
+    out : float
+        How far a foot swings outward, past the other leg.
     knee, dip : float
         Bend of the straightest knee; how deep the pelvis of a walk dips for it.
     rise, rise_at : float
@@ -110,6 +112,7 @@ class Gait:
     late_lift: float = 0.0
     early_ahead: float = 0.0
     late_ahead: float = 0.0
+    out: float = 0.0
     knee: float = 4.0
     dip: float = 0.012
     rise: float = 0.022

@@ -59,7 +59,7 @@ def source(names: Sequence[str] | None = None) -> Source:
 def _examples(names: Sequence[str]) -> Iterator[Example]:
     for name in names:
         speeds = PATHS[name]
-        gait = gait_table.run(speeds[0])
+        gait = gait_table.run(*speeds[:2])
         if speeds[2]:
             gait = replace(gait, width=0.12)
         motion, keytimes, contacts = cycle(gait, Path(*speeds), FPS, seed=50 + tuple(PATHS).index(name))

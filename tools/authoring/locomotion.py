@@ -21,6 +21,9 @@ _DECIMALS = 5
 _RUN_FROM = 2.0
 """Speed, m/s, at which a walk becomes a run."""
 
+_MOST_TURN_RAD = 1.75
+"""Most that a body turns in a stride of a walk."""
+
 PATHS = {
     "idle": (0.0, 0.0, 0.0),
     "walk_very_slow": (0.45, 0.0, 0.0),
@@ -85,12 +88,15 @@ def gait_of(path: Path) -> Gait:
     """The manner in which a body moves along a path."""
     speed = abs(path.forward)
     if speed >= _RUN_FROM:
-        return gait_table.run(speed)
+        return gait_table.run(speed, path.turn)
     gait = gait_table.walk(max(speed, 0.5 if not path.side else 0.6))
     roll = min(1.0, speed / 0.5)  # a foot that goes nowhere hardly rolls
     if roll < 1.0:
         gait = _shuffle(gait, roll)
-        gait = replace(gait, stride_s=1.22 if path.turn else gait.stride_s, width=0.17 - 0.07 * roll)
+        gait = replace(gait, stride_s=1.22 if path.turn else gait.stride_s, width=0.20 - 0.10 * roll)
+    if path.turn:  # steps so quick that no leg twists far
+        stride_s = min(gait.stride_s, _MOST_TURN_RAD / abs(path.turn))
+        gait = replace(gait, width=gait.width + 0.05 * min(1.0, abs(path.turn)), stride_s=stride_s)
     if path.side:
         quick = abs(path.side)
         stride_s = float(np.interp(quick, (0.4, 0.5, 1.0), (1.06, 1.16, 0.72)))

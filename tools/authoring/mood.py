@@ -89,7 +89,7 @@ def manner(energy: float, mood: float) -> tuple[Gait, Path]:
         arm_mean=gait.arm_mean + 3.0 * low,
         elbow=gait.elbow + 10.0 * lively + 4.0 * happy - 3.0 * tired,
         elbow_swing=gait.elbow_swing * (1.0 + 0.4 * happy + 0.3 * lively - 0.4 * sad),
-        abduct=gait.abduct - 3.0 * low + 3.0 * happy,
+        abduct=gait.abduct + 4.0 * low + 3.0 * happy,
         twist=gait.twist + 10.0 * sad,
         shrug=-3.0 * low + 2.0 * happy + 2.0 * sad * lively,
         curl=0.30 * lively + 0.08 * tired,

@@ -63,12 +63,13 @@ class Foot(NamedTuple):
 
 
 class Swing(NamedTuple):
-    """How a foot swings: heights and lengths, metres, that are added early and late in a swing."""
+    """How a foot swings: heights and lengths, metres, that are added early and late in a swing, and to the left."""
 
     early_lift: float
     late_lift: float
     early_ahead: float
     late_ahead: float
+    left: float
 
 
 class Steps(NamedTuple):
@@ -185,6 +186,13 @@ def track(phases: F64, steps: Steps, duty: float, pitch: CubicSpline, foot: Foot
     along = swing.early_ahead * _bump(u, 3, 5) + swing.late_ahead * _bump(u, 5, 3)
     flying[:, 1] += lift
     flying += along[:, None] * quat.rotate(about(1, headings), np.array([0.0, 0.0, 1.0]))
+    flying += swing.left * _bump(u, 3, 4)[:, None] * quat.rotate(about(1, headings), np.array([1.0, 0.0, 0.0]))
+    # A foot on a curve swings along it, not along its chord, where the other leg stands. Its ends are on the curve
+    # already, the more of the cycle it flies.
+    chord = steps.places[after] - steps.places[here]
+    outward = np.stack([-chord[:, 2], 0.0 * chord[:, 1], chord[:, 0]], axis=-1)
+    bend = 0.5 * duty * np.tan(0.25 * (steps.headings[after] - steps.headings[here]))
+    flying += (bend * _bump(u, 3, 3))[:, None] * outward
     ankles = np.where((part <= duty)[:, None], standing(here, part), flying)
     return ankles, headings, pitches
 

@@ -279,7 +279,7 @@ def _track(
     # The hock stands behind the toes; the place is where it is over when the foot is not pitched.
     places = places + np.stack([beside, 0.0 * beside, stalk.ahead - offset[2] + shift[own, 1]], axis=-1)
     steps = Steps(-2, places, headings + sign * np.radians(6.0), 1.0 + shift[own, 2])
-    swing = Swing(0.55 * stalk.lift[side], 0.55 * stalk.lift[side], 0.0, 0.0)
+    swing = Swing(0.55 * stalk.lift[side], 0.55 * stalk.lift[side], 0.0, 0.0, 0.0)
     ankles, yaws, pitches = track(phases, steps, duty, pitch, foot, swing)
     toes = ankles[:, 1] + quat.rotate(about(0, -pitches), offset)[:, 1]
     room = 0.9 * np.arcsin(np.clip((toes - TOE_M) / _TIPS["LeftToe"][2], 0.0, 1.0))  # so that the tips stay clear

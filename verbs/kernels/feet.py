@@ -65,8 +65,9 @@ class Step(NamedTuple):
 STEP_S, LANDING_S = 0.36, 0.2
 """Time of a step, and in which a foot whose stance begins at once takes its place."""
 
-STEP_M, STEP_RAD, LEAP_M = 0.03, 0.2, 1.0
-"""A standing foot makes a step from this distance and angle on; from the last one even while another foot does."""
+STEP_M, STEP_RAD, LEAP_M, STRIDE_M = 0.03, 0.2, 1.0, 0.2
+"""A standing foot makes a step from the first distance and angle on; from the third one, and from the last one where
+the root strides on, even while another foot does."""
 
 LANDED_M = 0.12
 """Distance from its place within which an approaching foot has landed."""
@@ -193,6 +194,13 @@ def _begin_step(foot: Any, held: float, length_s: float, rise: float) -> None:
 
 
 @kernel
+def _ends_within(plants: Plants, f: int, weights: F64, x: float, step: Step, seconds: float) -> bool:
+    """Whether the stance at a sample position ends within a time."""
+    limit = seconds / max(step.rate, 1e-9) * (plants.contact.shape[1] - 1)
+    return step.moved_s > 0.0 and not np.isnan(crossing(plants, f, weights, x, step.way, limit))
+
+
+@kernel
 def _compare(feet: Any, f: int, row: Any, plants: Plants, weights: F64, x: float, step: Step, place: F64) -> None:
     """Begin a step where a standing foot is too far from the place that its motion has for it."""
     foot = feet[f]
@@ -204,11 +212,11 @@ def _compare(feet: Any, f: int, row: Any, plants: Plants, weights: F64, x: float
     turned = abs(np.arctan2(sine, cosine))
     if away < STEP_M and turned < STEP_RAD:
         return
+    leap = STRIDE_M if plants.strides.shape[0] > 0 else LEAP_M
     for other in range(feet.shape[0]):
-        if other != f and feet[other]["mode"] != STANCE and away < LEAP_M:
+        if other != f and feet[other]["mode"] != STANCE and away < leap:
             return
-    limit = STEP_S / max(step.rate, 1e-9) * (plants.contact.shape[1] - 1)
-    if step.moved_s > 0.0 and not np.isnan(crossing(plants, f, weights, x, step.way, limit)):
+    if _ends_within(plants, f, weights, x, step, STEP_S):
         foot["mode"], foot["since_s"], foot["near"] = LEAVE, 0.0, 0.0  # its stance ends before a step would
         return
     _store_next(foot, place)
@@ -378,7 +386,7 @@ def _change(
             foot["mode"] = SWING
         return origin
     if foot["mode"] == SWING:
-        _arrive(foot, row, plants, weights, f, x, last, place)
+        _arrive(foot, row, plants, weights, f, x, step, last, place)
     if foot["mode"] == STANCE:
         foot["frames"] += 1
         if foot["frames"] >= CHECKED:
@@ -447,7 +455,9 @@ def _depart(foot: Any, plants: Plants, weights: F64, f: int, x: float, step: Ste
 
 
 @kernel
-def _arrive(foot: Any, row: Any, plants: Plants, weights: F64, f: int, x: float, last: F64, place: F64) -> None:
+def _arrive(
+    foot: Any, row: Any, plants: Plants, weights: F64, f: int, x: float, step: Step, last: F64, place: F64
+) -> None:
     """Begin the stance of a foot: at once where it is in its place, or else within a while."""
     stance(plants, weights, f, x, place)
     _world(row, place)
@@ -466,6 +476,8 @@ def _arrive(foot: Any, row: Any, plants: Plants, weights: F64, f: int, x: float,
     _begin_step(foot, held, length_s, 0.0)
     if foot["fade"] < 0.0:  # the transition brings it there
         foot["since_s"], foot["length_s"] = foot["fade"] * row["transition_s"], max(row["transition_s"], LANDING_S)
+    if _ends_within(plants, f, weights, x, step, foot["length_s"] - foot["since_s"]):
+        foot["mode"], foot["since_s"], foot["near"] = LEAVE, 0.0 if held > 0.0 else LONG_S, 0.0
 
 
 @kernel

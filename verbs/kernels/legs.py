@@ -50,7 +50,7 @@ equal); up to which it does if it is as straight in the pose (7 degrees); and be
 UPRIGHT = 0.1
 """Weight of the usual axis of a knee beside the one of its pose, which weighs the sine of its angle."""
 
-LOWEST_M = 0.12
+LOWEST_M = 0.08
 """How far the pelvis sinks at most."""
 
 SCRATCH = 32
@@ -176,7 +176,7 @@ def plant_poses(root: F64, rotations: F64, commands: F64, legs: Legs) -> None:
 def _foot(root: Any, rotations: Any, command: F64, legs: Legs, f: int, out: F64) -> None:
     """Find where one foot goes.
 
-    ``out`` is: whether it changes, a free number; then hip, knee, ankle (3 each), global rotations of hip's parent,
+    ``out`` is: whether it moves, its share that is held; then hip, knee, ankle (3 each), global rotations of parent,
     hip, knee (4 each); wanted ankle (3) and rotation of the foot (4).
     """
     points, known, toe = legs.points[f], legs.known[f], legs.chains[f, legs.chains.shape[1] - 1]
@@ -216,14 +216,14 @@ def _foot(root: Any, rotations: Any, command: F64, legs: Legs, f: int, out: F64)
     if hold > 0.0:
         tip = (base[0] + tip[0], 0.0, base[2] + tip[2])
         px, pz = _pull(command, known, x, z, heel, ball, tip)
-    if px == 0.0 and pz == 0.0 and rise == 0.0 and pitched == 0.0 and not bent:
-        out[0] = 0.0
+    if toe >= 0 and (bent or pitched != 0.0):
+        _put(rotations, toe, mul(inverse(foot), tips))
+    out[0], out[1] = 0.0, hold
+    if px == 0.0 and pz == 0.0 and rise == 0.0 and pitched == 0.0 and angle == 0.0:
         return
     out[0] = 1.0
     out[23], out[24], out[25] = x + px, y + rise, z + pz
     out[26], out[27], out[28], out[29] = foot
-    if toe >= 0:
-        _put(rotations, toe, mul(inverse(foot), tips))
 
 
 @kernel
@@ -346,7 +346,7 @@ def _level(out: F64) -> float:
 def _missing(out: F64, shift: float) -> float:
     """How far the pelvis has to sink for a foot to be within reach."""
     thigh, shank, now = _reach(out)
-    limit = max(STRAIGHT * (thigh + shank), min(now, STRAIGHTEST * (thigh + shank)))
+    limit = max(STRAIGHT * (thigh + shank), min(now, (1.0 - out[1] * (1.0 - STRAIGHTEST)) * (thigh + shank)))
     room = limit * limit - (out[23] - out[2]) ** 2 - (out[25] - out[4]) ** 2
     lowest = np.sqrt(room) if room > 0.01 * limit * limit else 0.1 * limit
     return _above(out[3] + shift - out[24] - lowest, SOFT_M)
@@ -383,9 +383,9 @@ def _leg(rotations: Any, chain: I64, hinge: F64, pose: F64, shift: float) -> Non
     wanted = (pose[23] - pose[2], pose[24] - pose[3] - shift, pose[25] - pose[4])
     distance = np.sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
     whole = thigh + shin
-    free = max(STRAIGHT * whole, min(now, STRAIGHTEST * whole))
+    free = max(STRAIGHT * whole, min(now, (1.0 - pose[1] * (1.0 - STRAIGHTEST)) * whole))
     if distance > free:
-        give = min(YIELD * whole, max(0.9999 * whole - free, 1e-6))
+        give = min(YIELD * whole, max(whole - free, 1e-6))
         distance = free + give * (1.0 - np.exp(-(distance - free) / give))
     distance = max(distance, 1.05 * abs(thigh - shin) + 1e-3)
     upper = (pose[5] - pose[2], pose[6] - pose[3], pose[7] - pose[4])

@@ -194,7 +194,7 @@ async def test_versions_survive_a_restart(tmp_path, arm_zip):
                     await client.post("/v1/verbs", content=arm_zip, headers={"Content-Type": ZIP})
                     await client.delete("/v1/verbs/board")
                 names = [row["name"] for row in (await client.get("/v1/verbs")).json()["verbs"]]
-                assert names == ["arm", "arm3", "reach"]
+                assert names == sorted({"arm", *library.names()} - {"board"})
         finally:
             server.stop()
 

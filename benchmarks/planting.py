@@ -104,11 +104,13 @@ def tables(folders: list[Path]) -> None:
     )
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for name in library.names():
-        print("\n".join(report(library.load(name))), flush=True)
+        for row in report(library.load(name)):
+            print(row, flush=True)
     for folder in folders:
         for source in sorted(folder.glob("*/verb.toml")):
             verb = build(source.parent).verb
-            print("\n".join(report(verb)).replace(f"| {verb.name} |", f"| {verb.name} (captured) |"), flush=True)
+            for row in report(verb):
+                print(row.replace(f"| {verb.name} |", f"| {verb.name} (captured) |"), flush=True)
 
 
 def main() -> None:

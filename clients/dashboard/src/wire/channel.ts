@@ -5,10 +5,19 @@ import type { Goal } from "./decode";
 import type { Motion } from "./worker_messages";
 
 /** Playback settings, which can change without reopening the channel. */
-type SentState = Partial<Pick<Motion, "fps" | "playing" | "speed" | "loop">> & {
+type SentState = Partial<Pick<Motion, "fps" | "playing" | "speed" | "loop" | "halfLife">> & {
   serial: number;
   adverbs: readonly number[];
 };
+
+/** The server's default, s. */
+const HALF_LIFE_S = 0.1;
+
+/** State to return to if a `switch` is refused. */
+interface Before {
+  identity: string;
+  sent: SentState;
+}
 
 /** A text message, or a goal, which is sent together with those of other channels. */
 export type Outgoing = string | Goal;
@@ -22,7 +31,13 @@ export class Channel {
   /** Unanswered `open` messages; only the last answer counts. */
   private waiting = 0;
   private identity = "";
+  /** Target that was refused. */
+  private refusedIdentity = "";
   private sent: SentState | null = null;
+  /** State before an unanswered `switch`. */
+  private before: Before | null = null;
+  /** Whether the last `opened` answers a `switch`: the motion continues without a discontinuity. */
+  continued = false;
 
   constructor(readonly number: number) {}
 
@@ -42,10 +57,13 @@ export class Channel {
 
   /** Messages toward the target; none if up to date or waiting for an answer. */
   next(target: Motion, adverbs: readonly number[], phase: number, nowMs: number): Outgoing[] {
-    if (this.pending || (nowMs < this.retryAtMs && this.identity === identityOf(target))) return [];
+    const identity = identityOf(target);
+    if (this.pending || (nowMs < this.retryAtMs && this.refusedIdentity === identity)) return [];
     if (this.sent === null) return [this.open(target, adverbs, phase)];
-    if (this.identity !== identityOf(target)) return [this.close(), this.open(target, adverbs, phase)];
-    return this.changes(this.sent, target, adverbs);
+    if (this.identity === identity) return this.changes(this.sent, target, adverbs);
+    if (target.switches && this.opened?.encoding === target.encoding)
+      return [this.switchVerb(this.sent, target, adverbs)];
+    return [this.close(), this.open(target, adverbs, phase)];
   }
 
   close(): string {
@@ -56,23 +74,30 @@ export class Channel {
   /** Handle `opened`; returns whether it answers the current target. */
   acceptOpened(opened: Opened): boolean {
     if (!opened.resumed) this.waiting = Math.max(0, this.waiting - 1);
+    else if (this.before) this.resumeSwitch(this.before, opened);
     if (this.waiting > 0 || !this.sent) return false;
+    this.continued = this.before !== null;
+    this.before = null;
     this.opened = opened;
     // After a resume, messages sent before the disconnect may be lost.
     if (opened.resumed) this.sent = { serial: this.sent.serial, adverbs: [] };
     return true;
   }
 
-  /** Handle a refused `open`; retry at a time, or if infinite only for another target. */
+  /** Handle a refused `open` or `switch`; retry at a time, or if infinite only for another target. */
   refused(againMs: number): void {
     if (this.waiting === 0 || --this.waiting > 0) return;
-    this.sent = null;
     this.retryAtMs = againMs;
+    this.refusedIdentity = this.identity;
+    this.sent = this.before?.sent ?? null;
+    this.identity = this.before?.identity ?? this.identity;
+    this.before = null;
   }
 
   /** The server no longer has the channel. */
   forget(): void {
     this.sent = null;
+    this.before = null;
     this.waiting = 0;
   }
 
@@ -93,8 +118,32 @@ export class Channel {
       speed: target.speed,
       play: target.playing,
       loop: target.loop,
+      ...(target.halfLife !== undefined && { half_life: target.halfLife }),
       events: this.number === 0, // the page shows those of the steered character
     });
+  }
+
+  /** Phase and duration of the transition are chosen by the server; the new motion plays, and loops if its verb does. */
+  private switchVerb(sent: SentState, target: Motion, adverbs: readonly number[]): string {
+    this.before = { identity: this.identity, sent };
+    const { loop: _, ...rest } = playing(target);
+    this.sent = { ...rest, playing: true, serial: target.seek.serial, adverbs };
+    this.identity = identityOf(target);
+    this.waiting++;
+    return JSON.stringify({
+      op: "switch",
+      channel: this.number,
+      verb: target.verb,
+      ...(adverbs.length > 0 && { adverbs: adverbsByName(target.names, adverbs) }),
+      ...(target.method && { method: target.method }),
+    });
+  }
+
+  /** After a disconnect the answer to a `switch` is lost; the resumed channel shows whether it took effect. */
+  private resumeSwitch({ identity, sent }: Before, opened: Opened): void {
+    this.waiting = 0;
+    if (this.identity.startsWith(`${opened.verb}\n`)) return;
+    [this.identity, this.sent] = [identity, sent];
   }
 
   private changes(sent: SentState, target: Motion, adverbs: readonly number[]): Outgoing[] {
@@ -103,6 +152,7 @@ export class Channel {
     if (sent.speed !== target.speed) set.speed = target.speed;
     if (sent.playing !== target.playing) set.play = target.playing;
     if (sent.loop !== target.loop) set.loop = target.loop;
+    if (sent.halfLife !== target.halfLife) set.half_life = target.halfLife ?? HALF_LIFE_S;
     if (sent.serial !== target.seek.serial) set.phase = target.seek.phase;
     const moved =
       adverbs.length > 0 &&
@@ -115,11 +165,11 @@ export class Channel {
   }
 }
 
-function playing({ fps, playing, speed, loop }: Motion) {
-  return { fps, playing, speed, loop };
+function playing({ fps, playing, speed, loop, halfLife }: Motion) {
+  return { fps, playing, speed, loop, ...(halfLife !== undefined && { halfLife }) };
 }
 
-/** Settings that require reopening: `switch` would not keep the figure at its goal. */
+/** Settings that require reopening or, if the target allows it, a `switch`. */
 function identityOf(target: Motion): string {
   return [target.verb, target.method, target.encoding].join("\n");
 }

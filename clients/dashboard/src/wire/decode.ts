@@ -43,6 +43,8 @@ export interface MessageHead {
 }
 
 export interface RecordHead {
+  /** Verb of the channel when the record arrived, if known; not in the record. */
+  verb?: string;
   channel: number;
   flags: number;
   version: number;

@@ -50,7 +50,7 @@ export class FigureStream {
       this.seen = 0;
       this.buffer.reset(this.joints);
     }
-    this.reached = opened.resumed;
+    this.reached = opened.resumed || channel.continued;
     return true;
   }
 
@@ -65,7 +65,7 @@ export class FigureStream {
     if (offset >= this.poses.length) return;
     readPose(view, at, layout, this.poses, offset);
     this.seen = Math.max(this.seen, slot + 1);
-    if (slot === 0) this.head = head;
+    if (slot === 0) this.head = { ...head, verb: channel.opened.verb };
   }
 
   /** All records of a message were read. */
@@ -91,7 +91,7 @@ export class FigureStream {
     return {
       poses,
       shown: {
-        verb: opened.verb,
+        verb: head.verb ?? opened.verb,
         version: head.version,
         method: opened.method,
         phase: head.phase,

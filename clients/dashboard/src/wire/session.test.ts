@@ -1,4 +1,4 @@
-import { beforeEach, expect, test } from "vitest";
+import { beforeEach, describe, expect, test } from "vitest";
 import type { Opened } from "../types";
 import { writeAdverbs, writeBulkAdverbs } from "./decode";
 import { Session } from "./session";
@@ -290,6 +290,77 @@ test("a refusal is reported once; only a loading server is retried", () => {
   server.now += 1100;
   server.settle();
   expect(server.ops("open")).toHaveLength(3);
+});
+
+describe("a motion that switches", () => {
+  const walk = { verb: "walk", switches: true, halfLife: 0.2 };
+  const jump = { ...walk, verb: "jump", loop: false };
+
+  beforeEach(() => {
+    setTarget(walk);
+    server.connect("a");
+    server.settle();
+    for (let k = 0; k < 5; k++) server.tick(0.5);
+    server.silent = true;
+    server.received.length = 0;
+  });
+
+  const answer = () => server.opened({ channel: 0, fps: 60, encoding: "f32", ...server.ops("switch").at(-1) } as never);
+
+  test("changes its verb without reopening, and without a cross-fade of its frames", () => {
+    setTarget(jump);
+    server.settle();
+    expect(server.received).toEqual([{ op: "switch", channel: 0, verb: "jump", adverbs: { x: 0.1, y: 0.2 } }]);
+    answer();
+    expect(session.draw(server.now + 20, []).main?.shown.verb).toBe("walk");
+    server.silent = false;
+    server.settle();
+    expect(server.received.slice(1)).toEqual([{ op: "set", channel: 0, loop: false }]);
+    server.tick(0.51);
+    const drawn = session.draw(server.now + 100, []).main;
+    expect(drawn?.shown).toMatchObject({ verb: "jump", inTransition: false });
+  });
+
+  test("keeps its verb after a refusal until the target changes", () => {
+    setTarget(jump);
+    server.settle();
+    server.send({ op: "error", channel: 0, code: "skeleton_mismatch", detail: "no" });
+    server.settle();
+    expect(server.ops("switch")).toHaveLength(1);
+    expect(session.channels).toBe(1);
+    setTarget({ ...walk, speed: 2 });
+    server.settle();
+    expect(server.received.slice(1)).toEqual([{ op: "set", channel: 0, speed: 2 }]);
+  });
+
+  test("is switched again if a disconnect lost the message", () => {
+    setTarget(jump);
+    server.settle();
+    session.lost();
+    server.connect("b");
+    server.send({ ...(server.open.get(0) as Opened), resumed: true });
+    server.send({ op: "pong", t: server.ops("ping").at(-1)?.t, server_time_ns: 1e15 });
+    server.settle();
+    expect(server.ops("switch")).toHaveLength(2);
+  });
+});
+
+test("distant characters are streamed at half the rate, and phases of a crowd differ", () => {
+  session.setTarget({
+    main: MOTION,
+    adverbs: [
+      [0, 0],
+      [0, 0],
+      [0, 0],
+    ],
+    comparison: null,
+    distant: [false, false, true],
+  });
+  server.connect("a");
+  server.settle();
+  const opens = server.ops("open").sort((a, b) => Number(a.channel) - Number(b.channel));
+  expect(opens.map(({ fps }) => fps)).toEqual([60, 60, 30]);
+  expect(new Set(opens.map(({ phase }) => phase)).size).toBe(3);
 });
 
 test("the comparison is opened and realigned when its phase drifts", () => {

@@ -5,6 +5,7 @@
  * that a crowd of 1,000 opens and closes in bursts that the server can answer.
  */
 
+import { crowdPhase } from "../crowd";
 import type { Connection, Opened, Stats } from "../types";
 import type { Channel } from "./channel";
 import { Clock, Lateness } from "./clock";
@@ -41,6 +42,9 @@ export class Session {
   private readonly counters: StreamCounters;
   private readonly clock = new Clock();
   private target: StreamTarget | null = null;
+  /** Motion of the characters after the first, near and distant. */
+  private crowd: Motion | null = null;
+  private slow: Motion | null = null;
   private send: ((message: string | ArrayBuffer) => void) | null = null;
   /** Away: no session. Joining: a resume is being answered. */
   private state: "away" | "joining" | "live" = "away";
@@ -81,6 +85,8 @@ export class Session {
 
   setTarget(target: StreamTarget): void {
     this.target = target;
+    this.crowd = target.crowd ?? target.main;
+    this.slow = { ...this.crowd, fps: Math.max(1, Math.round(this.crowd.fps / 2)) };
     this.streams.main.setTarget(Math.max(1, Math.min(target.adverbs.length, this.mostChannels - 1)));
     this.streams.comparison.setTarget(target.comparison ? 1 : 0);
     for (const { buffer } of Object.values(this.streams)) {
@@ -143,14 +149,10 @@ export class Session {
     this.align(nowMs);
     for (let k = main.channels.length - 1; k > 0 && left > 0; k--) {
       this.nextChannel = (this.nextChannel % (main.channels.length - 1)) + 1;
-      const motion = this.nextChannel < main.targetCount ? target.main : null;
-      left -= this.updateChannel(
-        main.channels[this.nextChannel],
-        motion,
-        target.adverbs[this.nextChannel] ?? steered,
-        phase,
-        nowMs,
-      );
+      const slot = this.nextChannel;
+      const motion = slot < main.targetCount ? (target.distant?.[slot] ? this.slow : this.crowd) : null;
+      const at = target.main.playing ? crowdPhase(slot, phase) : phase;
+      left -= this.updateChannel(main.channels[slot], motion, target.adverbs[slot] ?? steered, at, nowMs);
     }
     this.sendGoals();
   }

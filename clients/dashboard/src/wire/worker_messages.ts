@@ -22,13 +22,21 @@ export interface Motion {
   speed: number;
   loop: boolean;
   seek: Seek;
+  /** Time in which half of the distance to a goal is covered, s; omitted: the server's default. */
+  halfLife?: number;
+  /** Change the verb by `switch`, which keeps position and heading; otherwise the channel is opened again. */
+  switches?: boolean;
 }
 
 /** Requested state of the stream. */
 export interface StreamTarget {
   main: Motion;
-  /** Adverbs of each character in the order of `main.names`; the first is the steered one. */
+  /** Motion of all characters but the first; omitted: the same. */
+  crowd?: Motion;
+  /** Adverbs of each character in the order of its motion's `names`; the first is the steered one. */
   adverbs: readonly (readonly number[])[];
+  /** Characters that are streamed at half the frame rate, by slot. */
+  distant?: readonly boolean[];
   /** Comparison with another method, or null. */
   comparison: Motion | null;
 }

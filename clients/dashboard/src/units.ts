@@ -31,6 +31,11 @@ export function errorText(error: number | null | undefined, unit = "m"): string 
   return `${value.toFixed(digits)} ${text}`;
 }
 
+/** Slide of standing feet, mm; a dash if none stands. */
+export function slideText(slide: number | null): string {
+  return slide === null ? "–" : `${(1000 * slide).toFixed(1)} mm`;
+}
+
 /** Three significant digits; values below `least` become 0. */
 export function digits(value: number, least = 0.005): string {
   if (!Number.isFinite(value)) return "–";

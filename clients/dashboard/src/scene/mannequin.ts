@@ -21,7 +21,8 @@ export function planOf(skeleton: Skeleton): readonly Part[] {
 export function mannequin(skeleton: Skeleton, detail: Detail): Map<number, BufferGeometry> {
   const pieces = new Map<number, BufferGeometry[]>();
   for (const part of planOf(skeleton)) {
-    if (part.fine && detail === "low") continue;
+    if (part.fine && detail !== "high") continue;
+    if (part.form === "ball" && detail === "simple") continue;
     const shape = shapeOf(part, detail);
     const tone = new Float32Array(3 * shape.getAttribute("position").count).fill(TONES[part.tone]);
     shape.setAttribute("color", new BufferAttribute(tone, 3));

@@ -12,10 +12,14 @@ import { mergeVertices } from "three/addons/utils/BufferGeometryUtils.js";
 import type { Bar, Loft, Part, Pin, Station } from "./parts";
 import { cross, length, sub, unit, type V3 } from "./vec";
 
-export type Detail = "high" | "low";
+export type Detail = "high" | "low" | "simple";
 
 /** Segments of round shapes: around, between two cross-sections, and over an end. */
-const FINENESS = { high: { around: 20, between: 4, end: 4 }, low: { around: 8, between: 1, end: 1 } } as const;
+const FINENESS = {
+  high: { around: 20, between: 4, end: 4 },
+  low: { around: 8, between: 1, end: 1 },
+  simple: { around: 5, between: 1, end: 0 },
+} as const;
 
 /** Catmull–Rom curve through `values`, at `t` between `k` and `k + 1`. */
 function curve(values: readonly number[], k: number, t: number): number {

@@ -28,6 +28,7 @@ WIDE, SMALL, PHONE = (1280, 720), (1000, 640), (390, 844)
 PATIENCE_S = 90.0
 BUILT_IN = ("arm3", "board", "reach")
 PANELS = ("quality", "versions", "service", "upload")
+DRIVE = {"verb": "locomotion", "drive": "yes"}
 REACH = {"at.x": "-0.35", "at.y": "1.45", "at.z": "0.45"}
 
 Act = Callable[[Page], object]
@@ -115,6 +116,14 @@ def crowd(page: Page) -> None:
     page.wait_for_timeout(1500)
 
 
+def driven(page: Page) -> None:
+    """Walk for some seconds in a curve."""
+    page.keyboard.down("KeyW")
+    page.wait_for_timeout(1500)
+    page.keyboard.down("KeyA")
+    page.wait_for_timeout(1000)
+
+
 def pressed(*names: str) -> Act:
     """Press keys in order."""
     return lambda page: [page.keyboard.press(name) for name in names] and page.wait_for_timeout(400)
@@ -144,6 +153,7 @@ def states(service: Service, verbs: list[str]) -> Iterator[State]:
         view = {"verb": "reach", "compare": "method:rbf", **REACH}
         yield State(f"compare_{scheme}", view, compared, WIDE, scheme)
         yield State(f"crowd_{scheme}", {"verb": "reach", "crowd": "200", "detail": "low"}, crowd, WIDE, scheme)
+        yield State(f"drive_{scheme}", DRIVE, driven, WIDE, scheme)
         yield State(f"keys_{scheme}", {"verb": "reach"}, pressed("?"), SMALL, scheme)
         for panel in PANELS:
             opened_view = {"verb": "reach", "panel": panel}
@@ -152,6 +162,8 @@ def states(service: Service, verbs: list[str]) -> Iterator[State]:
         yield State(f"support_{scheme}", maps, pause_at_goal, WIDE, scheme)
     yield State("compare_arm3", {"verb": "arm3", "compare": "method:rbf"}, compared, SMALL)
     yield State("crowd_arm3", {"verb": "arm3", "crowd": "24"}, crowd, SMALL)
+    yield State("drive_crowd", {**DRIVE, "crowd": "24", "detail": "low"}, driven)
+    yield State("drive_phone", DRIVE, size=PHONE)
     yield State("focus", {"verb": "reach"}, pressed("Tab", "Tab"), SMALL)
     for tab in ("Verb", *map(str.title, PANELS)):
         yield State(f"sheet_{tab.lower()}", {"verb": "reach"}, opened(tab), PHONE)

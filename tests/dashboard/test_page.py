@@ -313,6 +313,63 @@ def test_keyboard_shortcuts(page):
     page.tab.get_by_role("dialog", name="Keyboard shortcuts").wait_for()
 
 
+@pytest.fixture
+def driven(page):
+    """The page as it opens without a link: drive mode."""
+    page.tab.goto(page.service.url)
+    page.until("document.documentElement.dataset.ready === 'true'")
+    page.until("adverb.view.drive && adverb.shown.main?.verb === 'locomotion'")
+    return page
+
+
+def test_keys_drive_the_character(driven):
+    x, _, z = driven.state("adverb.shown.main.root")
+    driven.tab.keyboard.down("KeyW")
+    driven.until(f"Math.hypot(adverb.shown.main.root[0] - {x}, adverb.shown.main.root[2] - {z}) > 0.5")
+    driven.tab.keyboard.up("KeyW")
+    driven.until("adverb.view.goal.forward_speed === 0")
+    driven.until("adverb.drawn.contacts > 0 && adverb.drawn.slide !== null")
+    driven.tab.get_by_role("region", name="Drive").get_by_text("mm").wait_for()
+
+
+def test_an_action_interrupts_the_walk_where_the_character_is(driven):
+    driven.tab.keyboard.down("KeyW")
+    driven.until("adverb.shown.main.root[2] > 1")
+    driven.tab.keyboard.up("KeyW")
+    driven.tab.keyboard.press("Space")
+    driven.until("adverb.shown.main.verb === 'jump'")
+    assert driven.state("adverb.shown.main.root[2]") > 1
+    driven.until("adverb.shown.main.verb === 'locomotion'")
+    assert driven.state("adverb.shown.main.root[2]") > 1
+    driven.tab.get_by_role("button", name="Stop driving").click()
+    driven.until("!adverb.view.drive && adverb.drawn.goal !== null")
+
+
+def test_a_stick_drives_on_a_phone(browser, service):
+    with opened(browser, service, has_touch=True) as page:
+        page.tab.set_viewport_size({"width": 390, "height": 844})
+        page.open(drive="yes", verb="locomotion")
+        assert page.tab.evaluate("document.documentElement.scrollWidth") <= 390
+        box = page.tab.get_by_role("img", name="Stick").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.tab.mouse.move(x, y)
+        page.tab.mouse.down()
+        page.tab.mouse.move(x, y - 30)
+        page.until("adverb.shown.main.root[2] > 0.3")
+        page.tab.mouse.up()
+        page.until("adverb.view.goal.forward_speed === 0")
+
+
+def grave_violations(page):
+    """Rules that the page breaks by axe, which was loaded before, with the elements."""
+    found = page.tab.evaluate("axe.run().then(({violations}) => violations)")
+    return [
+        (one["id"], [node["target"] for node in one["nodes"]][:3])
+        for one in found
+        if one["impact"] in ("serious", "critical")
+    ]
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_serious_accessibility_violations(browser, service, scheme):
     axe = PROJECT / "clients" / "dashboard" / "node_modules" / "axe-core" / "axe.min.js"
@@ -324,13 +381,10 @@ def test_no_serious_accessibility_violations(browser, service, scheme):
         for tab in TABS:
             page.tab.get_by_role("tab", name=tab).click()
             page.tab.wait_for_timeout(500)
-            found = page.tab.evaluate("axe.run().then(({violations}) => violations)")
-            grave = [
-                (one["id"], [node["target"] for node in one["nodes"]][:3])
-                for one in found
-                if one["impact"] in ("serious", "critical")
-            ]
-            assert grave == [], tab
+            assert grave_violations(page) == [], tab
+        page.open(verb="locomotion", drive="yes")
+        page.until("adverb.shown.main?.verb === 'locomotion'")
+        assert grave_violations(page) == [], "drive"
 
 
 def test_a_phone_has_no_horizontal_scrolling(browser, service):

@@ -1,4 +1,4 @@
-import { beforeEach, expect, test, vi } from "vitest";
+import { afterAll, beforeAll, beforeEach, describe, expect, test, vi } from "vitest";
 import { Page } from "./app";
 import { createStore, DEFAULTS } from "./store";
 import type { Opened, Rest, Shown, Verb, VerbSummary, View } from "./types";
@@ -50,15 +50,13 @@ let port: FakePort;
 let page: Page;
 let served: VerbSummary[];
 
-async function start(view: Partial<View> = {}, reducedMotion = false): Promise<void> {
+async function start(view: Partial<View> = {}, reducedMotion = false, more: Verb[] = []): Promise<void> {
   port = new FakePort();
-  served = [
-    { name: "arm3", version: 1 },
-    { name: "reach", version: 1 },
-  ] as VerbSummary[];
+  const known = [ARM, REACH, ...more];
+  served = known.map(({ name, version }) => ({ name, version })) as VerbSummary[];
   const rest = {
     verbs: async () => served,
-    verb: async (name: string) => (name === "reach" ? REACH : ARM),
+    verb: async (name: string) => known.find((each) => each.name === name),
   } as unknown as Rest;
   page = new Page(createStore({ ...DEFAULTS, ...view }), rest, port, reducedMotion);
   page.start("ws://here/v1/stream");
@@ -176,4 +174,84 @@ test("the list of verbs is compared with the server every few seconds", async ()
   expect(page.store.view.verb).toBe("reach");
   page.stop();
   vi.useRealTimers();
+});
+
+describe("drive mode", () => {
+  const skeleton = { names: ["Hips"], parents: [-1] };
+  const speeds = ["ahead", "turning", "across"];
+  const walk = {
+    ...verb("locomotion", speeds),
+    ...{ looping: true, skeleton, measure: { kind: "root_velocity", adverbs: speeds } },
+    adverbs: speeds.map((name) => ({ name, unit: "m/s", min: -1, max: 4 })),
+  } as unknown as Verb;
+  const punch = { ...verb("punch", ["x", "y"]), skeleton } as unknown as Verb;
+  const kick = { ...punch, name: "kick", skeleton: { names: ["Root"], parents: [-1] } } as unknown as Verb;
+  let keyboard = new EventTarget();
+  const press = (code: string, type = "keydown") =>
+    keyboard.dispatchEvent(Object.assign(new Event(type, { cancelable: true }), { code }));
+
+  beforeAll(() => {
+    // the keyboard needs elements only to find fields that are typed in
+    vi.stubGlobal("Element", class {});
+    vi.stubGlobal("document", { body: { closest: () => null } });
+  });
+
+  afterAll(() => void vi.unstubAllGlobals());
+
+  async function drive(view: Partial<View> = {}): Promise<void> {
+    await start(view, false, [walk, punch, kick]);
+    keyboard = new EventTarget();
+    page.drive.keyboard.listen(keyboard as Window);
+    await vi.waitFor(() => expect(page.drive.has("punch")).toBe(page.drive.active));
+  }
+
+  test("is what the page starts with, but not what a link to a verb opens", async () => {
+    await drive();
+    expect([page.store.view.verb, page.drive.active]).toEqual(["locomotion", true]);
+    await drive({ verb: "reach" });
+    expect([page.store.view.verb, page.drive.active]).toEqual(["reach", false]);
+    await start({}, true, [walk]);
+    expect([page.store.view.verb, page.drive.active]).toEqual(["reach", false]);
+  });
+
+  test("keys set the goal, and releasing them stands still", async () => {
+    await drive();
+    expect(port.target.adverbs).toEqual([[0, 0, 0]]);
+    press("KeyW");
+    page.frame(16);
+    expect(port.target.adverbs).toEqual([[1.4, 0, 0]]);
+    press("KeyW", "keyup");
+    page.frame(32);
+    expect(port.target.adverbs).toEqual([[0, 0, 0]]);
+  });
+
+  test("an action switches the verb, and its end switches back", async () => {
+    await drive();
+    press("KeyJ");
+    page.frame(16);
+    expect(port.target.main).toMatchObject({ verb: "punch", names: ["x", "y"], switches: true, loop: false });
+    port.picture(0.5, "punch");
+    expect(page.shown.main?.verb).toBe("punch");
+    port.notify({ kind: "end" });
+    page.frame(32);
+    expect(port.target).toMatchObject({ main: { verb: "locomotion", loop: true }, adverbs: [[0, 0, 0]] });
+    expect(page.store.view.playing).toBe(true);
+  });
+
+  test("verbs on another skeleton are not offered", async () => {
+    await drive();
+    expect([page.drive.has("kick"), page.drive.has("jump")]).toEqual([false, false]);
+    press("KeyK");
+    page.frame(16);
+    expect(port.target.main.verb).toBe("locomotion");
+  });
+
+  test("a refused switch returns to the steered verb", async () => {
+    await drive();
+    page.drive.act("punch");
+    page.frame(16);
+    port.notify({ kind: "refused", role: "main", code: "skeleton_mismatch", detail: "no" });
+    page.frame(32);
+    expect(port.target.main.verb).toBe("locomotion");
+  });
 });

@@ -3,6 +3,8 @@
 import { Problem } from "./api/rest";
 import { VersionComparison } from "./comparison";
 import { crowdGoals } from "./crowd";
+import { DRIVEN_VERB, Drive } from "./drive/drive";
+import { axesOf } from "./drive/steering";
 import { Emitter } from "./emitter";
 import { PauseAtGoal } from "./pause_at_goal";
 import { same } from "./store";
@@ -10,6 +12,7 @@ import type {
   App,
   AppEvents,
   Connection,
+  CrowdPlaces,
   Opened,
   Picture,
   Rest,
@@ -21,6 +24,7 @@ import type {
   VerbSummary,
 } from "./types";
 import { adverbsByName, adverbValues, effectorPhase, followPhase } from "./verb";
+import { Walkers } from "./walkers";
 import { type Port, StreamClient, type StreamEvent } from "./wire/client";
 import type { Drawn, Motion, Seek } from "./wire/worker_messages";
 
@@ -35,6 +39,8 @@ interface PageEvents extends AppEvents {
   picture: { role: Role; picture: Picture | null };
   notice: { text: string; kind: "note" | "error" };
   pause: number | null;
+  /** The actions of drive mode changed. */
+  actions: null;
   offline: { detail: string; againInS: number };
 }
 
@@ -48,7 +54,10 @@ export class Page implements App {
   loaded = false;
   readonly shown: Record<Role, Shown | null> = { main: null, comparison: null };
   readonly pauseAtGoal = new PauseAtGoal(() => this.onPauseChange());
+  readonly drive: Drive;
   private readonly emitter = new Emitter<PageEvents>();
+  private readonly walkers = new Walkers();
+  private distant: readonly boolean[] | null = null;
   private readonly stream: StreamClient;
   private readonly version: VersionComparison;
   private seekRequest: Seek;
@@ -71,6 +80,8 @@ export class Page implements App {
     this.version.onSettled = () => this.version.setTarget(this.store.view, this.verb);
     store.on(["verb"], () => void this.load());
     store.on(["goal"], () => this.completeGoal());
+    this.drive = new Drive(this);
+    this.drive.onActions = () => this.emitter.emit("actions", null);
     this.seekRequest = { serial: 0, phase: store.view.phase };
     store.on(["playing", "phase"], (view, before) => {
       this.pauseAtGoal.release();
@@ -99,8 +110,19 @@ export class Page implements App {
 
   /** Update the stream's target and request a picture; call once per animation frame. */
   frame(frameMs: number): void {
+    this.drive.frame();
     this.updateTarget();
     this.stream.draw(frameMs);
+  }
+
+  /** Steer the characters of a crowd that walk; call with the displayed places. */
+  moveCrowd({ count, places, distant }: CrowdPlaces, nowMs: number): void {
+    const { verb, store } = this;
+    const axes = verb && count === store.view.crowd && store.view.playing ? axesOf(verb) : null;
+    const moved = axes ? this.walkers.update(axes, places, count, nowMs) : this.walkers.clear();
+    if (!moved && distant === this.distant) return;
+    this.distant = distant;
+    this.targetKey = "";
   }
 
   async reload(): Promise<void> {
@@ -135,17 +157,38 @@ export class Page implements App {
       return false;
     }
     const deleted = this.loaded && this.verb?.name === verb;
+    const first = !this.loaded && !verb;
     this.loaded = true;
+    if (first && !this.reducedMotion && this.canDrive) {
+      this.startDriving(false);
+      return true;
+    }
     const next = (this.verbs.find(({ name }) => name === DEFAULT_VERB) ?? this.verbs[0])?.name ?? "";
     if (verb) this.notify(`Verb “${verb}” ${deleted ? "was deleted" : "does not exist on this server"}.`, "error");
     this.selectVerb(next, false);
     return true;
   }
 
+  /** Whether the verb that drive mode steers is served. */
+  get canDrive(): boolean {
+    return this.verbs.some(({ name }) => name === DRIVEN_VERB);
+  }
+
+  /** Start drive mode, with the current verb if it can be driven. */
+  startDriving(push = true): void {
+    const { verb } = this.store.view;
+    if (this.verb?.name !== verb || !axesOf(this.verb)) this.selectVerb(DRIVEN_VERB, push);
+    this.store.change({ drive: true, compare: { kind: "none" }, camera: null });
+  }
+
+  stopDriving(): void {
+    this.store.change({ drive: false, playing: true, camera: null });
+  }
+
   /** Select another verb and reset the view of the previous one; `push` adds a history entry. */
   selectVerb(verb: string, push = true): void {
     if (verb === this.store.view.verb) return;
-    const none = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "", slice: null };
+    const none = { method: "", goal: {}, phase: 0, camera: null, across: "", up: "", slice: null, drive: false };
     this.store.change({ verb, ...none, compare: { kind: "none" } }, push);
   }
 
@@ -213,7 +256,7 @@ export class Page implements App {
     const { view } = this.store;
     if (!verb || verb.name !== view.verb) return;
     const goal = adverbValues(verb, view.goal);
-    const main: Motion = {
+    const crowd: Motion = {
       verb: verb.name,
       method: view.method,
       names: verb.adverbs.map(({ name }) => name),
@@ -224,11 +267,20 @@ export class Page implements App {
       loop: view.loop,
       seek: this.seekRequest,
     };
-    const comparison = view.compare.kind === "method" ? { ...main, method: view.compare.method } : null;
-    const key = JSON.stringify([main, goal, view.crowd, comparison, verb.version]);
+    const { active, action } = this.drive;
+    const main = active ? this.drive.motion(crowd) : crowd;
+    const steered = action?.adverbs ?? goal;
+    const comparison = view.compare.kind === "method" && !active ? { ...main, method: view.compare.method } : null;
+    const key = JSON.stringify([main, steered, view.crowd, comparison, verb.version]);
     if (key === this.targetKey) return;
     this.targetKey = key;
-    this.stream.setTarget({ main, adverbs: crowdGoals(verb, goal, view.crowd), comparison });
+    const { goals } = this.walkers;
+    const others =
+      goals.length === view.crowd - 1
+        ? goals.map((own) => adverbValues(verb, { ...view.goal, ...own }))
+        : crowdGoals(verb, goal, view.crowd).slice(1);
+    const distant = this.distant ? { distant: this.distant } : {};
+    this.stream.setTarget({ main, crowd, adverbs: [[...steered], ...others], comparison, ...distant });
     this.version.setTarget(view, verb);
   }
 
@@ -259,6 +311,7 @@ export class Page implements App {
         return void this.reload();
       case "refused":
         if (message.role === "comparison") return this.comparisonFailed(new Error(message.detail));
+        if (this.drive.action) this.drive.end();
         if (message.code === "unknown_verb") return void this.refresh();
         return this.notify(message.detail, "error");
     }
@@ -299,13 +352,15 @@ export class Page implements App {
   /** A motion that does not loop pauses at its end. */
   private onEnd(): void {
     const { view } = this.store;
+    if (this.drive.active) return this.drive.end();
     if (view.playing && !view.loop) this.store.change({ playing: false, phase: view.speed < 0 ? 0 : 1 });
   }
 
   private onPictures(pictures: Record<Role, Drawn | null>): void {
     const { main, comparison } = pictures;
     const { verb } = this;
-    if (!main || !verb || main.shown.verb !== verb.name || (comparison && comparison.shown.verb !== verb.name)) return;
+    const isShown = (name: string) => name === verb?.name || this.drive.shows(name);
+    if (!main || !verb || !isShown(main.shown.verb) || (comparison && comparison.shown.verb !== verb.name)) return;
     this.shown.main = main.shown;
     this.emitter.emit("picture", { role: "main", picture: pictureOf(main) });
     const version = this.version.beside(main.shown, main.poses, verb.looping);

@@ -6,6 +6,7 @@ import { motionExtent } from "./motion_extent";
 import { publish } from "./published_state";
 import { createStage } from "./scene/stage";
 import { h } from "./shell/dom";
+import { driveHud } from "./shell/drive_hud";
 import { header } from "./shell/header";
 import { bindKeys, shortcutDialog } from "./shell/keys";
 import { notices, overlay } from "./shell/notices";
@@ -35,7 +36,7 @@ function start(): void {
     reducedMotion,
   );
   const canvas = h("div", { className: "stage" });
-  const scene = h("main", { className: "scene", "aria-label": "Scene" }, canvas);
+  const scene = h("main", { className: "scene", "aria-label": "Scene", tabIndex: -1 }, canvas);
   const keys = shortcutDialog();
   const help = () => (keys.open ? keys.close() : keys.showModal());
   let stage: Stage | null = null;
@@ -45,10 +46,16 @@ function start(): void {
   };
   const bar = transport(page);
   const find = h("button", { type: "button", className: "find-figure", hidden: true, onclick: reset }, "Find figure");
-  const values = readout(page, () => (stage ? goalDistance(stage.drawn) : null));
-  scene.append(values, overlay(page, scene), notices(page), find, bar);
+  const values = readout(
+    page,
+    () => (stage ? goalDistance(stage.drawn) : null),
+    () => stage?.drawn ?? null,
+  );
+  const hud = driveHud(page, () => stage?.drawn ?? null);
+  scene.append(values, hud, overlay(page, scene), notices(page), find, bar);
   document.body.append(header(page, help), scene, panel(page, verbTab(page, reset)), keys);
   bindKeys(page, reset, help);
+  page.drive.keyboard.listen(window);
   try {
     stage = createStage(canvas, store.view.detail);
   } catch (err) {
@@ -78,8 +85,9 @@ function goalDistance({ effector, goal }: Drawn): number | null {
 function keepClear(stage: Stage, scene: HTMLElement, bar: HTMLElement, values: HTMLElement): void {
   const fit = () => {
     const { top, bottom, width } = scene.getBoundingClientRect();
-    const covered = width < NARROW_PX ? values.getBoundingClientRect().bottom - top : 0;
-    stage.setInset(Math.max(covered, 0), bottom - bar.getBoundingClientRect().top);
+    const isShown = bar.getClientRects().length > 0; // not in drive mode
+    const covered = width < NARROW_PX && isShown ? values.getBoundingClientRect().bottom - top : 0;
+    stage.setInset(Math.max(covered, 0), isShown ? bottom - bar.getBoundingClientRect().top : 0);
   };
   const sizes = new ResizeObserver(fit);
   for (const element of [scene, bar, values]) sizes.observe(element);
@@ -96,6 +104,11 @@ function join(page: Page, stage: Stage, colours: ThemeController, find: HTMLElem
   bind(["follow"], ({ follow }) => stage.setFollow(follow));
   bind(["detail"], ({ detail }) => stage.setDetail(detail));
   bind(["goal"], ({ goal }) => stage.setGoal(goal));
+  const drive = () => {
+    document.documentElement.dataset.drive = page.drive.active ? "yes" : "no";
+    stage.setDrive(page.drive.active);
+  };
+  bind(["drive", "verb"], drive);
   colours.on((isDark) => stage.setTheme(isDark));
   let moved = "";
   bind(["camera"], ({ camera }) => {
@@ -109,9 +122,11 @@ function join(page: Page, stage: Stage, colours: ThemeController, find: HTMLElem
     );
     stage.setGoal(store.view.goal);
     stage.setCamera(store.view.camera);
+    drive();
   });
   page.on("picture", ({ role, picture }) => {
     stage.show(role, picture);
+    if (role === "main" && store.view.crowd > 1) page.moveCrowd(stage.crowd, performance.now());
     if (picture) document.documentElement.dataset.ready ??= "true";
   });
   stage.onGoal = (goal, done) => page.setGoal(goal, done);

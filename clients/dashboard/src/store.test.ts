@@ -28,6 +28,7 @@ const view: fc.Arbitrary<View> = fc.record<View>({
   follow: fc.boolean(),
   detail: fc.constantFrom("high", "low"),
   theme: fc.constantFrom("auto", "light", "dark"),
+  drive: fc.boolean(),
   panel: fc.constantFrom("verb", "quality", "versions", "service", "upload"),
   camera: fc.option(fc.array(number, { minLength: 6, maxLength: 6 })),
   across: fc.string({ maxLength: 40 }),
@@ -54,7 +55,15 @@ test("every field changes the link, and defaults are omitted", () => {
   const other: View = {
     ...{ verb: "kick", method: "rbf", goal: { x: 1 }, phase: 0.5, playing: false, speed: -1, loop: false, fps: 30 },
     ...{ encoding: "q48", crowd: 2, compare: { kind: "version", version: 3 }, hull: false, examples: false },
-    ...{ pseudo: true, follow: false, detail: "low", theme: "dark", panel: "upload", camera: [1, 2, 3, 4, 5, 6] },
+    ...{
+      pseudo: true,
+      follow: false,
+      detail: "low",
+      theme: "dark",
+      drive: true,
+      panel: "upload",
+      camera: [1, 2, 3, 4, 5, 6],
+    },
     ...{ across: "x", up: "y", map: "smoothness", maps: ["rbf", "knn"], slice: { z: 1 } },
   };
   for (const key of Object.keys(DEFAULTS) as (keyof View)[]) {

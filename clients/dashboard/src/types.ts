@@ -46,6 +46,8 @@ export interface View {
   follow: boolean;
   detail: "high" | "low";
   theme: "auto" | "light" | "dark";
+  /** Whether keys, gamepad or touch steer the character. */
+  drive: boolean;
   panel: Panel;
   /** Camera position and target, x, y, z each; null: framed automatically. */
   camera: readonly number[] | null;
@@ -91,8 +93,22 @@ export interface Drawn {
   goal: readonly number[] | null;
   /** Bounding rectangle of the first character's joints in the canvas, pixels; null if behind the camera. */
   figure: readonly [left: number, top: number, right: number, bottom: number] | null;
+  /** Standing points of the first character's feet, and the largest slide of their stances, m; null if none stands. */
+  contacts: number;
+  slide: number | null;
+  /** Lowered level of detail, 0–4 (`scene/detail_control.ts`). */
+  detail: number;
   /** Position of the goal handle in the window, pixels. */
   handle: readonly [number, number] | null;
+}
+
+/** Where the characters of a crowd are. */
+export interface CrowdPlaces {
+  readonly count: number;
+  /** 3 numbers per character: x, z (m), heading (rad, from +Z toward +X). */
+  readonly places: Float32Array;
+  /** Characters that need half the frame rate only, by slot; null: none. */
+  readonly distant: readonly boolean[] | null;
 }
 
 /** Three-dimensional scene; independent of the network. */
@@ -106,6 +122,8 @@ export interface Stage {
   setGoal(goal: Readonly<Record<string, number>>): void;
   setMarks(marks: { hull: boolean; examples: boolean; pseudo: boolean }): void;
   setFollow(follow: boolean): void;
+  /** Drive mode: the camera follows from behind, and goal and marks are hidden. */
+  setDrive(drive: boolean): void;
   setDetail(detail: "high" | "low"): void;
   setTheme(dark: boolean): void;
   setCamera(camera: readonly number[] | null): void;
@@ -121,6 +139,8 @@ export interface Stage {
   onOffscreen: (offscreen: boolean) => void;
   /** Last drawn frame. */
   readonly drawn: Drawn;
+  /** Places in the scene of the first figure's characters. */
+  readonly crowd: CrowdPlaces;
   dispose(): void;
 }
 

@@ -15,6 +15,11 @@ const SETTLE_MS = 250;
 /** Fraction of the picture filled by the frame. */
 const FILLED = 0.86;
 
+/** Camera behind a driven character: distance, height of camera and of target, m, and angle from straight behind, rad. */
+const BEHIND = { distance: 6.2, height: 2.1, target: 0.95, angle: 0.25 };
+
+const UP = new Vector3(0, 1, 0);
+
 /** Camera with orbit controls, follow mode and automatic framing. */
 export class CameraRig {
   readonly camera = new PerspectiveCamera(32, 1, 0.05, 200);
@@ -34,6 +39,7 @@ export class CameraRig {
   #followed: Vector3 | null = null;
   /** Origin of the frame: position of the framed character. */
   readonly #origin = new Vector3();
+  #heading = 0;
   #inset = { top: 0, bottom: 0 };
   #size = { wide: 1, high: 1 };
 
@@ -78,6 +84,31 @@ export class CameraRig {
     this.#origin.copy(origin);
     this.#cancelReport();
     this.#applyFrame();
+  }
+
+  /** Put the camera behind a character at `origin`; `turn` keeps it there. */
+  chase(origin: Vector3, heading: number): void {
+    this.#automatic = false;
+    this.#reported = null;
+    this.#heading = heading;
+    this.#followed = origin.clone();
+    this.#cancelReport();
+    const angle = heading + BEHIND.angle;
+    this.controls.target.copy(origin).setY(BEHIND.target);
+    this.camera.position.copy(origin).setY(BEHIND.height);
+    this.camera.position.x -= BEHIND.distance * Math.sin(angle);
+    this.camera.position.z -= BEHIND.distance * Math.cos(angle);
+    this.controls.update();
+  }
+
+  /** Turn around the target with the character's heading, rad; an orbit by the user remains. */
+  turn(heading: number): boolean {
+    const step = heading - this.#heading;
+    this.#heading = heading;
+    const { target } = this.controls;
+    this.camera.position.sub(target).applyAxisAngle(UP, step).add(target);
+    this.camera.lookAt(target);
+    return Math.abs(step) > 1e-4;
   }
 
   resize(wide: number, high: number): void {

@@ -1,4 +1,16 @@
 import { type PerspectiveCamera, Vector3 } from "three";
+import type { Drawn } from "../types";
+
+export const NOTHING_DRAWN: Drawn = {
+  frames: 0,
+  effector: null,
+  goal: null,
+  figure: null,
+  contacts: 0,
+  slide: null,
+  detail: 0,
+  handle: null,
+};
 
 /** Left, top, right and bottom in canvas pixels. */
 export type Rect = readonly [left: number, top: number, right: number, bottom: number];

@@ -1,6 +1,8 @@
 import { DynamicDrawUsage, Group, InstancedMesh, type Material } from "three";
 import type { Picture, Skeleton } from "../types";
-import { poseLength, type Rig, rigOf, solve, writeMatrix } from "./fk";
+import { anatomyOf } from "./anatomy";
+import { Attention } from "./attention";
+import { poseLength, type Rig, rigOf, solve, writeMatrix, yawOf } from "./fk";
 import { mannequin } from "./mannequin";
 import type { Detail } from "./shapes";
 import type { V3 } from "./vec";
@@ -27,6 +29,14 @@ export class Figures {
   readonly rotations: Float32Array;
   readonly rig: Rig;
   count = 0;
+  /** Places of all characters in the scene, 3 numbers each: x, z (m), heading (rad). */
+  places = new Float32Array(3);
+  /** Characters that are updated in every second picture, by slot; null: none. */
+  distant: readonly boolean[] | null = null;
+  /** Characters nearer to the camera are not drawn, except for the first, m. */
+  clearance = 0;
+  readonly #attention: Attention;
+  #pictures = 0;
   #room = 0;
   #meshes: { joint: number; of: InstancedMesh[] }[] = [];
   #detail: Detail;
@@ -44,32 +54,38 @@ export class Figures {
     this.#materials = materials;
     this.#rows = rows;
     this.#detail = detail;
+    this.#attention = new Attention(anatomyOf(skeleton));
     const { joints } = this.rig;
     [this.positions, this.#otherPositions] = [new Float32Array(3 * joints), new Float32Array(3 * joints)];
     [this.rotations, this.#otherRotations] = [new Float32Array(4 * joints), new Float32Array(4 * joints)];
   }
 
-  show(picture: Picture | null): void {
+  /** @param eye position of the camera, which some characters of a crowd look at */
+  show(picture: Picture | null, eye: V3): void {
     this.count = picture?.count ?? 0;
     this.group.visible = this.count > 0;
     if (!picture || this.count === 0) return;
     if (this.count > this.#room) this.#make(2 ** Math.ceil(Math.log2(this.count)));
     const size = poseLength(this.rig);
+    const half = this.#pictures++ % 2;
+    this.#attention.begin(this.places, this.count, performance.now() / 1000);
     for (let k = this.count - 1; k >= 0; k--) {
+      if (k > 0 && this.distant?.[k] && k % 2 === half) continue;
       const [positions, rotations] = k
         ? [this.#otherPositions, this.#otherRotations]
         : [this.positions, this.rotations];
       solve(this.rig, picture.poses, k * size, positions, rotations);
       crowdOffset(k, this.count, this.#rows, this.#shift);
+      this.places[3 * k] = (positions[0] as number) + (this.#shift[0] as number);
+      this.places[3 * k + 1] = (positions[2] as number) + (this.#shift[2] as number);
+      this.places[3 * k + 2] = yawOf(rotations, 0);
+      if (k > 0) this.#attention.turn(k, positions, rotations, this.#shift, eye);
+      const away = Math.hypot((this.places[3 * k] as number) - eye[0], (this.places[3 * k + 1] as number) - eye[2]);
+      const isHidden = k > 0 && away < this.clearance;
       for (const { joint, of } of this.#meshes) {
-        writeMatrix(
-          positions,
-          rotations,
-          joint,
-          this.#shift,
-          (of[0] as InstancedMesh).instanceMatrix.array as Float32Array,
-          16 * k,
-        );
+        const matrices = (of[0] as InstancedMesh).instanceMatrix.array as Float32Array;
+        if (isHidden) matrices.fill(0, 16 * k, 16 * k + 16);
+        else writeMatrix(positions, rotations, joint, this.#shift, matrices, 16 * k);
       }
     }
     for (const { of } of this.#meshes) {
@@ -98,6 +114,11 @@ export class Figures {
   #make(room: number): void {
     this.dispose();
     this.#room = room;
+    if (this.places.length < 3 * room) {
+      const places = new Float32Array(3 * room);
+      places.set(this.places);
+      this.places = places;
+    }
     for (const [joint, geometry] of mannequin(this.#skeleton, this.#detail)) {
       const of = this.#materials.map((material, layer) =>
         this.#layer(new InstancedMesh(geometry, material, room), layer),

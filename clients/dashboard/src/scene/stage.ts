@@ -1,47 +1,36 @@
-import { Group, NeutralToneMapping, PCFShadowMap, Scene, Vector3, WebGLRenderer } from "three";
-import type { Drawn, Picture, Role, Stage, Verb } from "../types";
-import { errorText } from "../units";
+import { Group, Scene, Vector3, type WebGLRenderer } from "three";
+import type { CrowdPlaces, Drawn, Picture, Role, Stage, Verb } from "../types";
 import { anatomyOf } from "./anatomy";
 import { CameraRig } from "./camera";
-import { figureRect, isOffscreen } from "./figure_rect";
+import { CrowdDetail } from "./crowd_detail";
+import { Feet } from "./feet";
+import { figureRect, isOffscreen, NOTHING_DRAWN } from "./figure_rect";
 import { Figures } from "./figures";
 import { poseLength } from "./fk";
 import { GoalHandle } from "./goal";
 import { GoalFrame } from "./goal_frame";
 import { type Adverbs, clampGoal, type ExamplePoint, type GoalSpace, goalSpaceOf } from "./goal_space";
 import { Ground } from "./ground";
-import { Label } from "./labels";
 import { type Layout, layoutOf } from "./layout";
 import { Lights } from "./light";
 import { Marks } from "./marks";
 import { materials } from "./materials";
 import { paletteOf } from "./palette";
 import { Pointer } from "./pointer";
+import { rendererOf } from "./renderer";
+import { StageLabels } from "./stage_labels";
 import type { V3 } from "./vec";
-
-/** WebGL 2 is unavailable. */
-export class NoWebGL extends Error {
-  override readonly name = "NoWebGL";
-  constructor() {
-    super(
-      "This browser cannot show 3D graphics: WebGL 2 is unavailable. " +
-        "Enable hardware acceleration or use another browser.",
-    );
-  }
-}
 
 /** Phase tolerance of the keytime for the distance label. */
 const AT_KEYTIME = 0.012;
+const NOWHERE: CrowdPlaces = { count: 0, places: new Float32Array(0), distant: null };
+/** Direction of the light and extent of the grid in drive mode, m. */
+const CLEARANCE_M = 4;
+const DRIVEN_LIGHT: V3 = [0.6, 1.5, -0.7];
+const DRIVEN_REACH_M = 24;
 
 export function createStage(host: HTMLElement, detail: "high" | "low"): Stage {
-  const surface = document.createElement("canvas");
-  const context = surface.getContext("webgl2", {
-    antialias: detail === "high",
-    alpha: true,
-    powerPreference: "high-performance",
-  });
-  if (!context) throw new NoWebGL();
-  return new WebGLStage(host, surface, context);
+  return new WebGLStage(host, rendererOf(detail));
 }
 
 class WebGLStage implements Stage {
@@ -49,7 +38,7 @@ class WebGLStage implements Stage {
   onExample: Stage["onExample"] = () => {};
   onCamera: Stage["onCamera"] = () => {};
   onOffscreen: Stage["onOffscreen"] = () => {};
-  readonly drawn: Drawn = { frames: 0, effector: null, goal: null, figure: null, handle: null };
+  readonly drawn: Drawn = { ...NOTHING_DRAWN };
 
   readonly #host: HTMLElement;
   readonly #renderer: WebGLRenderer;
@@ -60,9 +49,7 @@ class WebGLStage implements Stage {
   readonly #goal = new GoalHandle();
   readonly #pointer: Pointer;
   readonly #resized: ResizeObserver;
-  readonly #missLabel: Label;
-  readonly #markLabel: Label;
-  readonly #barLabel: Label;
+  readonly #labels: StageLabels;
   /** Origin of the goal space. */
   readonly #frame = new Group();
   readonly #goalFrame = new GoalFrame();
@@ -72,12 +59,15 @@ class WebGLStage implements Stage {
   #space: GoalSpace | null = null;
   #marks: Marks | null = null;
   #figures: Record<Role, Figures> | null = null;
+  #feet: Feet | null = null;
   #layout: Layout | null = null;
   #adverbs: Adverbs = {};
   #shownMarks = { hull: true, examples: true, pseudo: true };
   #detail: "high" | "low" = "high";
+  readonly #crowdDetail = new CrowdDetail();
   #dark = false;
   #following = false;
+  #driving = false;
   #effector = -1;
   #keytime = Number.NaN;
   #phase = 0;
@@ -86,24 +76,16 @@ class WebGLStage implements Stage {
   #request = 0;
   #drawnAt = 0;
 
-  constructor(host: HTMLElement, surface: HTMLCanvasElement, context: WebGL2RenderingContext) {
+  constructor(host: HTMLElement, renderer: WebGLRenderer) {
     this.#host = host;
     if (getComputedStyle(host).position === "static") host.style.position = "relative";
-    Object.assign(surface.style, { display: "block", width: "100%", height: "100%", outlineOffset: "-2px" });
-    surface.setAttribute("role", "img");
-    surface.setAttribute("aria-label", "Character and goal");
+    this.#renderer = renderer;
+    const surface = renderer.domElement;
     host.append(surface);
-    this.#renderer = new WebGLRenderer({ canvas: surface, context });
-    this.#renderer.shadowMap.enabled = true;
-    this.#renderer.shadowMap.type = PCFShadowMap;
-    this.#renderer.toneMapping = NeutralToneMapping;
-    this.#renderer.setClearAlpha(0);
     this.#pointer = new Pointer(surface, this.#context(), this.#actions());
     this.#rig = new CameraRig(surface, () => this.#requestDraw());
-    this.#rig.onCamera = (camera) => this.onCamera(camera);
-    this.#missLabel = new Label(host, "chip");
-    this.#markLabel = new Label(host, "chip");
-    this.#barLabel = new Label(host, "plain");
+    this.#rig.onCamera = (camera) => this.#driving || this.onCamera(camera);
+    this.#labels = new StageLabels(host);
     this.#frame.add(this.#goal.group);
     this.#scene.add(this.#ground.group, this.#lights.group, this.#frame, this.#goal.effectorGroup);
     this.#resized = new ResizeObserver(() => this.#resize());
@@ -119,20 +101,21 @@ class WebGLStage implements Stage {
     this.#space = goalSpaceOf(verb);
     this.#marks = new Marks(verb, this.#space);
     this.#marks.show(this.#shownMarks);
-    this.#layout = layoutOf(anatomyOf(verb.skeleton), verb, this.#marks.points);
+    const anatomy = anatomyOf(verb.skeleton);
+    this.#layout = layoutOf(anatomy, verb, this.#marks.points);
+    this.#feet = new Feet(anatomy);
     const { rows } = this.#layout;
     const { main, prepass, other } = this.#materials;
     this.#figures = {
-      main: new Figures(verb.skeleton, [main], rows, this.#detail),
-      comparison: new Figures(verb.skeleton, [prepass, other], rows, this.#detail),
+      main: new Figures(verb.skeleton, [main], rows, this.#crowdDetail.shapes(this.#detail)),
+      comparison: new Figures(verb.skeleton, [prepass, other], rows, this.#crowdDetail.shapes(this.#detail)),
     };
-    this.#scene.add(this.#figures.main.group, this.#figures.comparison.group);
+    this.#scene.add(this.#figures.main.group, this.#figures.comparison.group, this.#feet.mesh);
     this.#frame.add(this.#marks.group);
-    this.#goal.setSpace(this.#space);
     this.#effector = verb.measure.effector ? verb.skeleton.names.indexOf(verb.measure.effector) : -1;
     this.#keytime = verb.keytime_phases[verb.keytime_names.indexOf(verb.measure.keytime ?? "")] ?? Number.NaN;
-    this.#ground.lay(this.#layout.wall, this.#layout.back, this.#layout.reach(1));
     this.#rig.setFrame(this.#layout.frame(1));
+    this.#arrange();
     this.setTheme(this.#dark);
   }
 
@@ -149,9 +132,10 @@ class WebGLStage implements Stage {
     // Ignore a stale picture of another skeleton.
     if (picture && picture.poses.length < picture.count * poseLength(figures.rig)) return;
     const before = figures.count;
-    figures.show(picture);
+    figures.show(picture, this.#rig.camera.position.toArray());
     if (role === "main" && picture && picture.count > 0) {
       this.#phase = picture.phase;
+      if (!this.#layout.wall) this.#feet?.update(figures.positions, performance.now() / 1000);
       if (this.#space?.kind === "jump") this.#goalFrame.updateJump(picture.phase, figures.positions, figures.rotations);
       if (before !== picture.count) this.#frameCrowd(picture.count);
     }
@@ -175,12 +159,16 @@ class WebGLStage implements Stage {
     this.#requestDraw();
   }
 
+  setDrive(drive: boolean): void {
+    if (drive === this.#driving) return;
+    this.#driving = drive;
+    this.#arrange();
+    this.setCamera(null);
+  }
+
   setDetail(detail: "high" | "low"): void {
     this.#detail = detail;
-    this.#lights.setShadows(detail === "high");
-    this.#figures?.main.setDetail(detail);
-    this.#figures?.comparison.setDetail(detail);
-    this.#resize();
+    this.#applyDetail();
   }
 
   setTheme(dark: boolean): void {
@@ -189,12 +177,14 @@ class WebGLStage implements Stage {
     this.#materials.main.color.copy(palette.figure);
     this.#materials.other.color.copy(palette.other);
     this.#marks?.setPalette(palette);
+    this.#feet?.setPalette(palette);
     for (const part of [this.#ground, this.#lights, this.#goal]) part.setPalette(palette);
     this.#requestDraw();
   }
 
   setCamera(camera: readonly number[] | null): void {
-    if (camera) this.#rig.set(camera);
+    if (this.#driving) this.#rig.chase(this.#origin(), this.#goalFrame.heading);
+    else if (camera) this.#rig.set(camera);
     else this.#rig.reset(this.#origin());
     this.#requestDraw();
   }
@@ -212,11 +202,12 @@ class WebGLStage implements Stage {
     cancelAnimationFrame(this.#request);
     this.#request = -1;
     this.#resized.disconnect();
+    this.#crowdDetail.dispose();
     this.#pointer.dispose();
     this.#rig.dispose();
     this.#clear();
     for (const part of [this.#ground, this.#lights, this.#goal]) part.dispose();
-    for (const label of [this.#missLabel, this.#markLabel, this.#barLabel]) label.dispose();
+    this.#labels.dispose();
     for (const material of Object.values(this.#materials)) material.dispose();
     this.#renderer.dispose();
     this.#renderer.domElement.remove();
@@ -229,7 +220,7 @@ class WebGLStage implements Stage {
         return stage.#rig.camera;
       },
       get marks() {
-        return stage.#marks;
+        return stage.#driving ? null : stage.#marks;
       },
       get space() {
         return stage.#space;
@@ -268,9 +259,31 @@ class WebGLStage implements Stage {
   }
 
   #frameCrowd(count: number): void {
-    if (!this.#layout) return;
-    this.#ground.lay(this.#layout.wall, this.#layout.back, this.#layout.reach(count));
-    this.#rig.setFrame(this.#layout.frame(count));
+    if (this.#layout) this.#rig.setFrame(this.#layout.frame(count));
+    this.#arrange();
+  }
+
+  get crowd(): CrowdPlaces {
+    return this.#figures?.main ?? NOWHERE;
+  }
+
+  #applyDetail(): void {
+    const { level } = this.#crowdDetail;
+    this.drawn.detail = level;
+    this.#lights.setShadows(this.#crowdDetail.hasShadows(this.#detail));
+    for (const figures of Object.values(this.#figures ?? {})) figures.setDetail(this.#crowdDetail.shapes(this.#detail));
+    this.#resize();
+  }
+
+  /** Show goal and marks or, in drive mode, more ground. */
+  #arrange(): void {
+    if (!this.#layout || !this.#marks) return;
+    const reach = this.#layout.reach(this.#figures?.main.count ?? 1);
+    this.#ground.lay(this.#layout.wall, this.#layout.back, this.#driving ? Math.max(reach, DRIVEN_REACH_M) : reach);
+    if (this.#figures) this.#figures.main.clearance = this.#driving ? CLEARANCE_M : 0;
+    this.#marks.group.visible = this.#ground.bar.visible = !this.#driving;
+    this.#goal.setSpace(this.#driving ? null : this.#space);
+    if (!this.#driving) this.#showGoal(this.#adverbs);
   }
 
   #clear(): void {
@@ -279,8 +292,10 @@ class WebGLStage implements Stage {
       role.dispose();
     }
     if (this.#marks) this.#frame.remove(this.#marks.group);
+    if (this.#feet) this.#scene.remove(this.#feet.mesh);
     this.#marks?.dispose();
-    [this.#figures, this.#marks, this.#hovered] = [null, null, null];
+    this.#feet?.dispose();
+    [this.#figures, this.#marks, this.#feet, this.#hovered] = [null, null, null, null];
     this.#goalFrame.reset();
     this.#rig.follow(null, 0);
   }
@@ -288,7 +303,7 @@ class WebGLStage implements Stage {
   #resize(): void {
     const { clientWidth, clientHeight } = this.#host;
     if (!clientWidth || !clientHeight) return;
-    this.#renderer.setPixelRatio(Math.min(devicePixelRatio, this.#detail === "low" ? 1 : 2));
+    this.#renderer.setPixelRatio(this.#crowdDetail.pixelRatio(this.#detail));
     this.#renderer.setSize(clientWidth, clientHeight, false);
     this.#rig.resize(clientWidth, clientHeight);
     this.#requestDraw();
@@ -310,6 +325,8 @@ class WebGLStage implements Stage {
   #draw(now: number): void {
     this.#request = 0;
     const delta_s = Math.min((now - this.#drawnAt) / 1000, 0.1);
+    const main = this.#figures?.main;
+    if (main && this.#crowdDetail.adapt(main, this.#rig.camera.position, now)) this.#applyDetail();
     this.#drawnAt = now;
     const moving = this.#moveFrames(delta_s);
     if (this.#rig.controls.update(delta_s) || moving) this.#requestDraw();
@@ -317,6 +334,8 @@ class WebGLStage implements Stage {
     this.#renderer.render(this.#scene, this.#rig.camera);
     this.drawn.frames += 1;
     this.drawn.goal = this.#goal.shown ? this.#goal.world.toArray() : null;
+    this.drawn.contacts = this.#feet?.contacts ?? 0;
+    this.drawn.slide = this.#feet?.slide ?? null;
     this.drawn.handle = this.#goal.shown ? this.#pointer.inWindow(this.#goal.world) : null;
   }
 
@@ -329,7 +348,8 @@ class WebGLStage implements Stage {
         moving = this.#goalFrame.updateStride(main.positions, main.rotations, delta_s);
       }
       const root = new Vector3().fromArray(main.positions);
-      if (this.#rig.follow(this.#following ? root : null, delta_s)) moving = true;
+      if (this.#rig.follow(this.#following || this.#driving ? root : null, delta_s)) moving = true;
+      if (this.#driving && this.#rig.turn(this.#goalFrame.heading)) moving = true;
     }
     this.#frame.position.set(this.#goalFrame.x, 0, this.#goalFrame.z);
     this.#frame.rotation.y = this.#goalFrame.heading;
@@ -344,14 +364,16 @@ class WebGLStage implements Stage {
     camera.updateMatrixWorld();
     this.#goal.face(camera, this.#host.clientHeight);
     if (this.#layout) {
-      const { light, radius, bar } = this.#layout;
+      const { radius, bar } = this.#layout;
+      const light = this.#driving ? DRIVEN_LIGHT : this.#layout.light;
       const main = this.#figures?.main;
       const [x, y, z] = main?.count ? main.positions : [target.x, target.y, target.z];
       const snap = (value: number | undefined) => Math.round((value ?? 0) * 4) / 4;
       const crowd = this.#layout.crowd(main?.count ?? 1);
       this.#lights.aim(snap(x) + crowd.x, snap(y) + crowd.y, snap(z) + crowd.z, radius(main?.count ?? 1), light);
       this.#ground.centre(target.x, target.y, target.z);
-      const [u, v] = this.#following && main?.count ? [Math.round(x ?? 0), Math.round(z ?? 0)] : [0, 0];
+      const [u, v] =
+        (this.#following || this.#driving) && main?.count ? [Math.round(x ?? 0), Math.round(z ?? 0)] : [0, 0];
       this.#ground.putBar(bar[0] + u, bar[1] + v);
     }
     this.#locateFigure();
@@ -375,13 +397,9 @@ class WebGLStage implements Stage {
     this.drawn.effector = at?.toArray() ?? null;
     const judged = Math.abs(this.#phase - this.#keytime) < AT_KEYTIME;
     const far = this.#goal.reach(at, judged);
-    if (at && this.#goal.shown && judged && far >= 0.001) {
-      this.#missLabel.show(errorText(far), at.lerp(this.#goal.world, 0.5), camera, 18);
-    } else this.#missLabel.hide();
-    if (this.#hovered && !this.#pointer.dragging) {
-      this.#markLabel.show(this.#hovered.known.name, this.#hovered.at.clone(), camera, 14);
-    } else this.#markLabel.hide();
+    this.#labels.showMiss(judged && this.#goal.shown ? at : null, this.#goal.world, far, camera);
+    this.#labels.showMark(this.#pointer.dragging || this.#driving ? null : this.#hovered, camera);
     this.#ground.group.updateMatrixWorld(true);
-    this.#barLabel.show("1 m", this.#ground.bar.localToWorld(new Vector3(1, 0, 0)), camera, 8);
+    this.#labels.showBar(this.#driving ? null : this.#ground.bar, camera);
   }
 }

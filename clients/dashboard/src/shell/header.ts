@@ -19,6 +19,7 @@ export function header(page: Page, help: () => void): HTMLElement {
     "header",
     { className: "header" },
     h("h1", {}, "Adverb"),
+    driveButton(page),
     h("div", { className: "pickers" }, verbPicker(page), methodPicker(page), comparisonPicker(page)),
     h("div", { className: "grow" }),
     connectionLine(page),
@@ -35,6 +36,29 @@ export function header(page: Page, help: () => void): HTMLElement {
       "?",
     ),
   );
+}
+
+/** Toggle of drive mode; hidden without a verb that can be driven. */
+function driveButton(page: Page): HTMLElement {
+  const button = h("button", {
+    type: "button",
+    className: "drive",
+    hidden: true,
+    title: "Steer the character with keys, a gamepad or touch",
+    onclick: () => {
+      if (page.store.view.drive) page.stopDriving();
+      else page.startDriving();
+      document.querySelector<HTMLElement>(".scene")?.focus(); // so that the space bar does not press the button
+    },
+  });
+  const show = () => {
+    button.hidden = !page.canDrive;
+    button.ariaPressed = String(page.store.view.drive);
+    button.textContent = page.store.view.drive ? "Stop driving" : "Drive";
+  };
+  page.on("verbs", show);
+  page.store.on(["drive"], show);
+  return button;
 }
 
 export function methodLabel(method: string): string {

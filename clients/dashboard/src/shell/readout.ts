@@ -1,8 +1,9 @@
 /** Readout: live distance to the goal, predicted error at the goal's keytime, support by the examples, comparison and phase. */
 
 import type { Page } from "../app";
-import type { Shown, Verb } from "../types";
-import { errorText, shareText } from "../units";
+import { LEVELS } from "../scene/detail_control";
+import type { Drawn, Shown, Verb } from "../types";
+import { errorText, shareText, slideText } from "../units";
 import { effectorPhase } from "../verb";
 import { h } from "./dom";
 import { goalSupport } from "./goal_support";
@@ -18,14 +19,21 @@ const AT_KEYTIME = 0.012;
 const SUPPORT =
   "How well the examples support this goal: 100 % at one, 50 % where it is as uncertain as a left-out example";
 
+const SLIDE = "Largest horizontal movement of a foot that stands, since it landed";
+
+const DETAIL = "Lowered before the frame rate falls below 45 per second, and raised again when there is time";
+
 /** State of the goal, as an attribute for the style and as a text. */
 export interface GoalState {
   state: "none" | "clamped" | "reached" | "missed";
   text: string;
 }
 
-/** @param distance live distance between effector and goal, m; null if the verb's goal is not a position */
-export function readout(page: Page, distance: () => number | null): HTMLElement {
+/**
+ * @param distance live distance between effector and goal, m; null if the verb's goal is not a position
+ * @param drawn last drawn frame
+ */
+export function readout(page: Page, distance: () => number | null, drawn: () => Drawn | null): HTMLElement {
   const value = h("output", { className: "error", "aria-live": "off" }, "–");
   const caption = h("span", { className: "caption" }, "from the goal");
   const state = h("div", { className: "state" });
@@ -49,7 +57,7 @@ export function readout(page: Page, distance: () => number | null): HTMLElement 
     const other = page.shown.comparison;
     comparison.hidden = other === null;
     if (other) comparison.textContent = comparisonText(verb, figureLabel(page, other), other.error);
-    facts.replaceChildren(...rows(page, verb, shown, support()));
+    facts.replaceChildren(...rows(page, verb, shown, support(), drawn()));
   });
   page.on("verb", () => {
     value.textContent = "–";
@@ -83,15 +91,23 @@ function figureLabel(page: Page, shown: Shown): string {
   return page.store.view.compare.kind === "version" ? `Version ${shown.version}` : methodLabel(shown.method);
 }
 
-function rows(page: Page, { measure }: Verb, shown: Shown, support: number | null): HTMLElement[] {
+function rows(page: Page, { measure }: Verb, shown: Shown, support: number | null, drawn: Drawn | null): HTMLElement[] {
+  const slide = drawn?.slide ?? null;
+  const detail = drawn?.detail ? `lowered by ${drawn.detail} of ${LEVELS.sparse}` : "full";
   const { version, method, phase, count, error } = shown;
   return [
     ...(measure.keytime === null ? [] : [[`Error at ${measure.keytime}`, errorText(error, measure.unit)]]),
     ["Support", shareText(support), SUPPORT],
+    ...(slide === null ? [] : [["Foot slide", slideText(slide), SLIDE]]),
     ["Phase", phase.toFixed(3)],
     ["Method", methodLabel(method)],
     ["Version", String(version)],
-    ...(page.store.view.crowd > 1 ? [["Characters", String(count)]] : []),
+    ...(page.store.view.crowd > 1
+      ? [
+          ["Characters", String(count)],
+          ["Detail", detail, DETAIL],
+        ]
+      : []),
   ].flatMap(([name, value, title]) => {
     const about = title === undefined ? {} : { title };
     return [h("dt", about, name ?? ""), h("dd", about, value ?? "")];

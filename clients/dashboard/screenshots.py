@@ -124,6 +124,11 @@ def driven(page: Page) -> None:
     page.wait_for_timeout(1000)
 
 
+def climbed(page: Page) -> None:
+    """Walk for two cycles."""
+    page.wait_for_timeout(6000)
+
+
 def pressed(*names: str) -> Act:
     """Press keys in order."""
     return lambda page: [page.keyboard.press(name) for name in names] and page.wait_for_timeout(400)
@@ -160,6 +165,8 @@ def states(service: Service, verbs: list[str]) -> Iterator[State]:
             yield State(f"{panel}_{scheme}", opened_view, opened(panel.title()), WIDE, scheme)
         maps = {"verb": "reach", "panel": "quality", "map": "support", "maps": "corrected", **REACH}
         yield State(f"support_{scheme}", maps, pause_at_goal, WIDE, scheme)
+    yield State("slope_up", {"verb": "walk", "at.slope": "10", "at.damage": "0.3"}, climbed)
+    yield State("slope_down", {"verb": "walk", "at.slope": "-10", "at.damage": "0"}, climbed, SMALL, "dark")
     yield State("compare_arm3", {"verb": "arm3", "compare": "method:rbf"}, compared, SMALL)
     yield State("crowd_arm3", {"verb": "arm3", "crowd": "24"}, crowd, SMALL)
     yield State("drive_crowd", {**DRIVE, "crowd": "24", "detail": "low"}, driven)

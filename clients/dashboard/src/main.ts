@@ -2,6 +2,7 @@
 
 import { createRest } from "./api/rest";
 import { Page } from "./app";
+import { Inclines } from "./incline";
 import { motionExtent } from "./motion_extent";
 import { publish } from "./published_state";
 import { createStage } from "./scene/stage";
@@ -103,7 +104,11 @@ function join(page: Page, stage: Stage, colours: ThemeController, find: HTMLElem
   bind(["hull", "examples", "pseudo"], ({ hull, examples, pseudo }) => stage.setMarks({ hull, examples, pseudo }));
   bind(["follow"], ({ follow }) => stage.setFollow(follow));
   bind(["detail"], ({ detail }) => stage.setDetail(detail));
-  bind(["goal"], ({ goal }) => stage.setGoal(goal));
+  const inclines = new Inclines(page.rest, (incline) => stage.setIncline(incline));
+  bind(["goal"], ({ goal }) => {
+    stage.setGoal(goal);
+    inclines.move(goal);
+  });
   const drive = () => {
     document.documentElement.dataset.drive = page.drive.active ? "yes" : "no";
     stage.setDrive(page.drive.active);
@@ -120,6 +125,7 @@ function join(page: Page, stage: Stage, colours: ThemeController, find: HTMLElem
       (points) => page.verb === verb && stage.setExtent(points),
       () => {}, // the frame of the rest pose remains
     );
+    inclines.select(verb, store.view.goal).catch(() => {}); // level ground remains
     stage.setGoal(store.view.goal);
     stage.setCamera(store.view.camera);
     drive();

@@ -51,11 +51,13 @@ function positionsOf(sequence: Sequence, { skeleton, looping }: Verb): V3[] {
   }).flat();
 }
 
-function jointPoints(positions: Float32Array): V3[] {
+/** Positions of joints as points, m. */
+export function jointPoints(positions: Float32Array): V3[] {
   return Array.from({ length: positions.length / 3 }, (_, j) => [...positions.subarray(3 * j, 3 * j + 3)] as never);
 }
 
-function tipPoints({ tips }: Skeleton, positions: Float32Array, rotations: Float32Array): V3[] {
+/** Positions of the ends of a skeleton, m. */
+export function tipPoints({ tips }: Skeleton, positions: Float32Array, rotations: Float32Array): V3[] {
   return tips.map(({ parent, offset }) => {
     const out = [0, 0, 0];
     rotate(out, 0, rotations, 4 * parent, offset, 0);

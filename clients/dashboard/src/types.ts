@@ -82,6 +82,16 @@ export interface Picture {
   phase: number;
 }
 
+/** Ground of a looping verb whose cycle climbs. */
+export interface Incline {
+  /** Rise per metre of horizontal travel. */
+  readonly gradient: number;
+  /** Height of the root above the ground below it at phases 0, 1/48, … 1, m. */
+  readonly heights: Float32Array;
+  /** Direction of travel minus the root's heading at the same phases, rad. */
+  readonly turns: Float32Array;
+}
+
 /** The steered figure, or the comparison beside it. */
 export type Role = "main" | "comparison";
 
@@ -117,6 +127,8 @@ export interface Stage {
   setVerb(verb: Verb): void;
   /** Extreme positions of the verb's motion, m; the automatic camera frames them. */
   setExtent(points: readonly (readonly [number, number, number])[]): void;
+  /** Ground of a verb whose cycle climbs; null: level ground. */
+  setIncline(incline: Incline | null): void;
   show(role: Role, picture: Picture | null): void;
   /** Goal as adverbs; drawn if they map to a position (see `goal_space.ts`). */
   setGoal(goal: Readonly<Record<string, number>>): void;

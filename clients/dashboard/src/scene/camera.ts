@@ -124,19 +124,19 @@ export class CameraRig {
     if (this.#automatic) this.#applyFrame();
   }
 
-  /** Follow a position smoothly; null stops. Returns whether the camera is still moving. */
+  /** Follow a position on the ground smoothly; null stops. Returns whether the camera is still moving. */
   follow(place: Vector3 | null, delta_s: number): boolean {
     if (!place) {
       this.#followed = null;
       return false;
     }
     this.#followed ??= (this.#automatic ? this.#origin : place).clone();
-    const step = place.clone().sub(this.#followed).setY(0);
+    const step = place.clone().sub(this.#followed);
     const far = step.length();
     if (far < 5e-4) return false;
     step.multiplyScalar(far > 3 ? 1 : 1 - Math.exp(-6 * delta_s));
     this.#followed.add(step);
-    if (this.#automatic) this.#origin.copy(this.#followed).setY(0);
+    if (this.#automatic) this.#origin.copy(this.#followed);
     this.camera.position.add(step);
     this.controls.target.add(step);
     return true;

@@ -1,7 +1,19 @@
-import { CircleGeometry, Color, DynamicDrawUsage, InstancedMesh, Matrix4, MeshBasicMaterial } from "three";
+import {
+  CircleGeometry,
+  Color,
+  DynamicDrawUsage,
+  InstancedMesh,
+  Matrix4,
+  MeshBasicMaterial,
+  type Quaternion,
+  Vector3,
+} from "three";
 import type { Anatomy } from "./anatomy";
 import type { Palette } from "./palette";
 import { footPoints, SlideMeter } from "./slide_meter";
+import { groundHeight, type Slope } from "./slope";
+
+const ONE = new Vector3(1, 1, 1);
 
 /** Radius of a disc, and its height above the ground, m. */
 const RADIUS_M = 0.08;
@@ -36,14 +48,16 @@ export class Feet {
     return this.#meter.slide;
   }
 
-  update(positions: Float32Array, now_s: number): void {
-    this.#meter.update(positions, now_s);
-    const at = new Matrix4();
+  /** @param tilt rotation of level ground to the slope */
+  update(positions: Float32Array, now_s: number, slope: Slope | null, tilt: Quaternion): void {
+    this.#meter.update(positions, now_s, slope);
+    const [at, place] = [new Matrix4(), new Vector3()];
     let count = 0;
     for (const [k, stance] of this.#meter.stances.entries()) {
       const joint = this.#meter.points[k]?.joint ?? 0;
       if (!stance) continue;
-      at.setPosition(positions[3 * joint] as number, LIFT_M, positions[3 * joint + 2] as number);
+      const [x, z] = [positions[3 * joint] as number, positions[3 * joint + 2] as number];
+      at.compose(place.set(x, groundHeight(slope, x, z) + LIFT_M, z), tilt, ONE);
       this.mesh.setMatrixAt(count, at);
       this.mesh.setColorAt(count++, stance.slide < FAR_M ? this.#standing : this.#sliding);
     }

@@ -6,11 +6,14 @@ import {
   Mesh,
   MeshBasicMaterial,
   PlaneGeometry,
+  Quaternion,
   ShaderMaterial,
   ShadowMaterial,
   Vector2,
+  Vector3,
 } from "three";
 import type { Palette } from "./palette";
+import type { Slope } from "./slope";
 
 const VERTEX = `
 uniform float reach;
@@ -53,6 +56,9 @@ function stroke(from: number, to: number, half: number): number[] {
 /** Depth of the ground below y = 0: captured feet penetrate it by a few millimetres. */
 const SUNK_M = 0.004;
 
+const LEVEL: Slope = { x: 0, y: 0, z: 0, course: 0, gradient: 0 };
+const FLAT = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), -Math.PI / 2);
+
 /** Reference plane with grid: the ground, or the wall behind a planar arm. */
 export class Ground {
   readonly group = new Group();
@@ -66,6 +72,7 @@ export class Ground {
   readonly #shade: Mesh<PlaneGeometry, ShadowMaterial>;
   readonly #bar: Mesh<BufferGeometry, MeshBasicMaterial>;
   #wall = false;
+  #slope: Slope | null = null;
 
   constructor() {
     const plane = new PlaneGeometry(1, 1);
@@ -94,6 +101,8 @@ export class Ground {
   /** Ground at y = 0, or wall at z = `back`; the grid extends `size` metres. */
   lay(wall: boolean, back: number, size: number): void {
     this.#wall = wall;
+    this.#slope = null;
+    this.group.rotation.set(0, 0, 0);
     this.group.rotation.x = wall ? 0 : -Math.PI / 2;
     this.group.position.set(0, wall ? 0 : -SUNK_M, wall ? back : 0);
     this.#uniforms.reach.value = size;
@@ -101,18 +110,38 @@ export class Ground {
     this.#shade.scale.set(4 * size, 4 * size, 1);
   }
 
+  /** Tilt the ground to a slope, null: level at y = 0; `tilt` is the rotation of level ground to it. */
+  tilt(slope: Slope | null, tilt: Quaternion): void {
+    if (this.#wall || (!slope && !this.#slope)) return;
+    this.#slope = slope;
+    const { x, y, z } = slope ?? LEVEL;
+    this.group.quaternion.copy(tilt).multiply(FLAT);
+    this.group.position.set(x, y - SUNK_M, z);
+  }
+
   /** Centre the grid on the camera target with its lines fixed in the world. */
   centre(x: number, y: number, z: number): void {
-    const [u, v] = this.#wall ? [x, y] : [x, -z];
+    const { x: ox, z: oz } = this.#slope ?? LEVEL;
+    const [u, v] = this.#wall ? [x, y] : this.#onPlane(x - ox, z - oz);
+    const [originU, originV] = this.#wall ? [0, 0] : this.#onPlane(ox, oz);
     this.#grid.position.set(u, v, 0);
     this.#shade.position.set(u, v, 0);
-    this.#uniforms.middle.value.set(u, v);
+    this.#uniforms.middle.value.set(u + originU, v + originV);
   }
 
   /** Position of the 1 m bar's left end on the plane: x and z on the ground, x and y on the wall. */
   putBar(u: number, v: number): void {
-    this.#bar.position.set(u, this.#wall ? v : -v, 0.002);
+    const { x, z } = this.#slope ?? LEVEL;
+    const [right, up] = this.#wall ? [u, v] : this.#onPlane(u - x, v - z);
+    this.#bar.position.set(right, up, 0.002);
     this.#bar.scale.y = this.#wall ? 1 : 2; // compensates the low viewing angle
+  }
+
+  /** Coordinates on the plane of a horizontal offset: a slope is longer than its projection. */
+  #onPlane(x: number, z: number): [number, number] {
+    const { course, gradient } = this.#slope ?? LEVEL;
+    const longer = (Math.hypot(1, gradient) - 1) * (x * Math.sin(course) + z * Math.cos(course));
+    return [x + longer * Math.sin(course), -z - longer * Math.cos(course)];
   }
 
   get bar(): Mesh {

@@ -1,4 +1,5 @@
 import type { Anatomy } from "./anatomy";
+import { groundHeight, type Slope } from "./slope";
 
 /** A point of a foot that can stand. */
 export interface FootPoint {
@@ -57,7 +58,7 @@ export class SlideMeter {
   }
 
   /** @param positions joint positions of one displayed pose, 3 per joint, m */
-  update(positions: Float32Array, now_s: number): void {
+  update(positions: Float32Array, now_s: number, slope: Slope | null = null): void {
     const step_s = now_s - this.at;
     if (step_s < 1e-3) return;
     this.at = now_s;
@@ -67,9 +68,10 @@ export class SlideMeter {
       this.before.set([x, y, z], 3 * k);
       const speed = step_s < LONGEST_STEP_S ? Math.hypot(x - bx, y - by, z - bz) / step_s : Number.POSITIVE_INFINITY;
       const stance = this.stances[k];
-      const standing = Math.min(this.lowest[k] as number, y);
+      const height = y - groundHeight(slope, x, z);
+      const standing = Math.min(this.lowest[k] as number, height);
       this.lowest[k] = standing;
-      if (y - standing >= LOW_M || speed >= (stance ? LEAVE_MPS : SLOW_MPS)) this.stances[k] = null;
+      if (height - standing >= LOW_M || speed >= (stance ? LEAVE_MPS : SLOW_MPS)) this.stances[k] = null;
       else if (!stance) this.stances[k] = { x, z, since: now_s, slide: 0 };
       else if (now_s - stance.since < LANDED_S) Object.assign(stance, { x, z });
       else stance.slide = Math.max(stance.slide, Math.hypot(x - stance.x, z - stance.z));

@@ -1,12 +1,12 @@
-import { Group, Scene, Vector3, type WebGLRenderer } from "three";
-import type { CrowdPlaces, Drawn, Picture, Role, Stage, Verb } from "../types";
+import { Group, Quaternion, Scene, Vector3, type WebGLRenderer } from "three";
+import type { CrowdPlaces, Drawn, Incline, Picture, Role, Stage, Verb } from "../types";
 import { anatomyOf } from "./anatomy";
 import { CameraRig } from "./camera";
 import { CrowdDetail } from "./crowd_detail";
 import { Feet } from "./feet";
 import { figureRect, isOffscreen, NOTHING_DRAWN } from "./figure_rect";
 import { Figures } from "./figures";
-import { poseLength } from "./fk";
+import { poseLength, yawOf } from "./fk";
 import { GoalHandle } from "./goal";
 import { GoalFrame } from "./goal_frame";
 import { type Adverbs, clampGoal, type ExamplePoint, type GoalSpace, goalSpaceOf } from "./goal_space";
@@ -18,6 +18,7 @@ import { materials } from "./materials";
 import { paletteOf } from "./palette";
 import { Pointer } from "./pointer";
 import { rendererOf } from "./renderer";
+import { followSlope, groundHeight, type Slope, tiltOf } from "./slope";
 import { StageLabels } from "./stage_labels";
 import type { V3 } from "./vec";
 
@@ -61,6 +62,9 @@ class WebGLStage implements Stage {
   #figures: Record<Role, Figures> | null = null;
   #feet: Feet | null = null;
   #layout: Layout | null = null;
+  #incline: Incline | null = null;
+  #slope: Slope | null = null;
+  readonly #tilt = new Quaternion();
   #adverbs: Adverbs = {};
   #shownMarks = { hull: true, examples: true, pseudo: true };
   #detail: "high" | "low" = "high";
@@ -75,6 +79,7 @@ class WebGLStage implements Stage {
   #hovered: { known: ExamplePoint; at: Vector3 } | null = null;
   #request = 0;
   #drawnAt = 0;
+  #slopedAt = 0;
 
   constructor(host: HTMLElement, renderer: WebGLRenderer) {
     this.#host = host;
@@ -126,6 +131,13 @@ class WebGLStage implements Stage {
     this.#requestDraw();
   }
 
+  setIncline(incline: Incline | null): void {
+    this.#incline = incline;
+    if (incline) return;
+    this.#slope = null;
+    this.#requestDraw();
+  }
+
   show(role: Role, picture: Picture | null): void {
     const figures = this.#figures?.[role];
     if (!figures || !this.#layout) return;
@@ -135,11 +147,21 @@ class WebGLStage implements Stage {
     figures.show(picture, this.#rig.camera.position.toArray());
     if (role === "main" && picture && picture.count > 0) {
       this.#phase = picture.phase;
-      if (!this.#layout.wall) this.#feet?.update(figures.positions, performance.now() / 1000);
+      this.#followGround(figures);
+      if (!this.#layout.wall) this.#feet?.update(figures.positions, performance.now() / 1000, this.#slope, this.#tilt);
       if (this.#space?.kind === "jump") this.#goalFrame.updateJump(picture.phase, figures.positions, figures.rotations);
       if (before !== picture.count) this.#frameCrowd(picture.count);
     }
     this.#requestDraw();
+  }
+
+  #followGround({ positions, rotations }: Figures): void {
+    const now = performance.now();
+    const delta_s = Math.min((now - this.#slopedAt) / 1000, 0.1);
+    this.#slopedAt = now;
+    if (this.#incline)
+      this.#slope = followSlope(this.#slope, this.#incline, this.#phase, positions, yawOf(rotations, 0), delta_s);
+    tiltOf(this.#slope, this.#tilt);
   }
 
   setGoal(goal: Adverbs): void {
@@ -296,6 +318,7 @@ class WebGLStage implements Stage {
     this.#marks?.dispose();
     this.#feet?.dispose();
     [this.#figures, this.#marks, this.#feet, this.#hovered] = [null, null, null, null];
+    [this.#incline, this.#slope] = [null, null];
     this.#goalFrame.reset();
     this.#rig.follow(null, 0);
   }
@@ -347,11 +370,13 @@ class WebGLStage implements Stage {
       if (this.#space?.kind === "velocity" && !this.#pointer.dragging) {
         moving = this.#goalFrame.updateStride(main.positions, main.rotations, delta_s);
       }
-      const root = new Vector3().fromArray(main.positions);
+      const [x, , z] = main.positions as unknown as [number, number, number];
+      const root = new Vector3(x, groundHeight(this.#slope, x, z), z);
       if (this.#rig.follow(this.#following || this.#driving ? root : null, delta_s)) moving = true;
       if (this.#driving && this.#rig.turn(this.#goalFrame.heading)) moving = true;
     }
-    this.#frame.position.set(this.#goalFrame.x, 0, this.#goalFrame.z);
+    const { x, z } = this.#goalFrame;
+    this.#frame.position.set(x, groundHeight(this.#slope, x, z), z);
     this.#frame.rotation.y = this.#goalFrame.heading;
     this.#frame.updateMatrixWorld(true);
     return moving;
@@ -371,6 +396,7 @@ class WebGLStage implements Stage {
       const snap = (value: number | undefined) => Math.round((value ?? 0) * 4) / 4;
       const crowd = this.#layout.crowd(main?.count ?? 1);
       this.#lights.aim(snap(x) + crowd.x, snap(y) + crowd.y, snap(z) + crowd.z, radius(main?.count ?? 1), light);
+      this.#ground.tilt(this.#slope, this.#tilt);
       this.#ground.centre(target.x, target.y, target.z);
       const [u, v] =
         (this.#following || this.#driving) && main?.count ? [Math.round(x ?? 0), Math.round(z ?? 0)] : [0, 0];

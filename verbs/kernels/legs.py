@@ -50,6 +50,10 @@ equal); up to which it does if it is as straight in the pose (7 degrees); and be
 UPRIGHT = 0.1
 """Weight of the usual axis of a knee beside the one of its pose, which weighs the sine of its angle."""
 
+LITTLE_BENT = 0.02
+"""Change of a straight knee's bend that takes it into its usual plane, radians; a knee that is overstretched takes half
+its bend more."""
+
 LOWEST_M = 0.08
 """How far the pelvis sinks at most."""
 
@@ -338,8 +342,8 @@ def _level(out: F64) -> float:
     steep = out[3] - out[24]
     if steep <= 0.0 or room <= 0.0:
         return 0.0
-    upright = min(max((steep / now - 0.5) / 0.3, 0.0), 1.0)  # of a leg that is far from upright only in part
-    return upright * upright * (3.0 - 2.0 * upright) * (np.sqrt(room) - steep)
+    upright = (steep / now - 0.5) / 0.3  # of a leg that is far from upright only in part
+    return _smooth(upright) * (np.sqrt(room) - steep)
 
 
 @kernel
@@ -359,15 +363,40 @@ def _cross(a: Any, b: Any) -> Any:
 
 
 @kernel
+def _dot(a: Any, b: Any) -> Any:
+    """Scalar product of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _smooth(value: float) -> float:
+    """From 0 to 1 as a value does, with slope 0 at both."""
+    value = min(max(value, 0.0), 1.0)
+    return value * value * (3.0 - 2.0 * value)
+
+
+@kernel
 def _hinge(upper: Any, lower: Any, usual: Any, scale: float) -> Any:
-    """Unit axis about which a knee bends: that of its pose, and the usual one where it is straight."""
+    """Unit axis about which a knee is bent in its pose, near the usual one or its opposite where it is straight; and
+    the cosine of its angle to the usual one, below 0 where the knee is overstretched.
+    """
     cx, cy, cz = _cross(upper, lower)
     cx, cy, cz = cx / scale, cy / scale, cz / scale
-    if cx * usual[0] + cy * usual[1] + cz * usual[2] < 0.0:
-        cx, cy, cz = 0.0, 0.0, 0.0  # overstretched
-    cx, cy, cz = cx + UPRIGHT * usual[0], cy + UPRIGHT * usual[1], cz + UPRIGHT * usual[2]
-    size = np.sqrt(cx * cx + cy * cy + cz * cz)
-    return cx / size, cy / size, cz / size
+    along, size = _dot((cx, cy, cz), usual), np.sqrt(cx * cx + cy * cy + cz * cz)
+    near = -UPRIGHT if along < 0.0 else UPRIGHT
+    ax, ay, az = cx + near * usual[0], cy + near * usual[1], cz + near * usual[2]
+    length = np.sqrt(ax * ax + ay * ay + az * az)
+    return ax / length, ay / length, az / length, along / max(size, 1e-12)
+
+
+@kernel
+def _spin(axis: Any, usual: Any, line: Any, share: float) -> Any:
+    """Rotation about the line from hip to ankle that takes a knee a share of the way into its usual plane.
+
+    The angle is from 0 to 2 pi: an overstretched knee turns always to the same side.
+    """
+    angle = np.arctan2(_dot(line, _cross(axis, usual)), _dot(axis, usual))
+    return about(line[0], line[1], line[2], share * (angle if angle >= 0.0 else angle + 2.0 * np.pi))
 
 
 @kernel
@@ -381,8 +410,8 @@ def _leg(rotations: Any, chain: I64, hinge: F64, pose: F64, shift: float) -> Non
         pose[26], pose[27], pose[28], pose[29] = mul(shank, _get(rotations, ankle))
     thigh, shin, now = _reach(pose)
     wanted = (pose[23] - pose[2], pose[24] - pose[3] - shift, pose[25] - pose[4])
-    distance = np.sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
-    whole = thigh + shin
+    reach = max(np.sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2), 1e-9)
+    distance, whole = reach, thigh + shin
     free = max(STRAIGHT * whole, min(now, (1.0 - pose[1] * (1.0 - STRAIGHTEST)) * whole))
     if distance > free:
         give = min(YIELD * whole, max(whole - free, 1e-6))
@@ -392,16 +421,20 @@ def _leg(rotations: Any, chain: I64, hinge: F64, pose: F64, shift: float) -> Non
     lower = (pose[8] - pose[5], pose[9] - pose[6], pose[10] - pose[7])
     parent = (pose[11], pose[12], pose[13], pose[14])
     hip_q, knee_q = (pose[15], pose[16], pose[17], pose[18]), (pose[19], pose[20], pose[21], pose[22])
-    ax, ay, az = _hinge(upper, lower, rotate(hip_q, *_row(hinge)), thigh * shin)
-    cx, cy, cz = _cross(upper, lower)
-    along = upper[0] * lower[0] + upper[1] * lower[1] + upper[2] * lower[2]
-    bent = np.arctan2(cx * ax + cy * ay + cz * az, along)  # below 0 where the knee is overstretched
+    ax, ay, az, cosine = _hinge(upper, lower, rotate(hip_q, *_row(hinge)), thigh * shin)
+    bent = np.arctan2(_dot(_cross(upper, lower), (ax, ay, az)), _dot(upper, lower))
     wanted_bend = np.pi - np.arccos(_clip((thigh**2 + shin**2 - distance**2) / (2.0 * thigh * shin)))
     turn = about(ax, ay, az, wanted_bend - bent)
     knee_q = mul(turn, knee_q)
     lower = rotate(turn, lower[0], lower[1], lower[2])
     aim = arc((upper[0] + lower[0], upper[1] + lower[1], upper[2] + lower[2]), wanted)
     hip_q, knee_q = mul(aim, hip_q), mul(aim, knee_q)
+    if cosine < 0.0:
+        changed = abs(wanted_bend - bent) / (0.5 * bent + LITTLE_BENT)
+        share = _smooth(pose[1] + changed) * _smooth(-cosine)
+        line = (wanted[0] / reach, wanted[1] / reach, wanted[2] / reach)
+        spin = _spin(rotate(aim, ax, ay, az), rotate(hip_q, *_row(hinge)), line, share)
+        hip_q, knee_q = mul(spin, hip_q), mul(spin, knee_q)
     _put(rotations, hip, mul(inverse(parent), hip_q))
     _put(rotations, knee, mul(inverse(hip_q), knee_q))
     _put(rotations, ankle, mul(inverse(knee_q), (pose[26], pose[27], pose[28], pose[29])))

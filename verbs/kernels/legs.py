@@ -48,7 +48,10 @@ STRAIGHT, STRAIGHTEST, YIELD = 0.9962, 0.998, 0.001
 equal); up to which it does if it is as straight in the pose (7 degrees); and beyond these, within which it yields."""
 
 UPRIGHT = 0.1
-"""Weight of the usual axis of a knee beside the one of its pose, which weighs the sine of its angle."""
+"""Weight of the usual axis of a straight knee beside the one of its pose, which weighs the sine of its angle."""
+
+PLAIN = 0.5
+"""Sine of the angle from which on the axis of a knee is that of its pose only."""
 
 LITTLE_BENT = 0.02
 """Change of a straight knee's bend that takes it into its usual plane, radians; a knee that is overstretched takes half
@@ -377,16 +380,18 @@ def _smooth(value: float) -> float:
 
 @kernel
 def _hinge(upper: Any, lower: Any, usual: Any, scale: float) -> Any:
-    """Unit axis about which a knee is bent in its pose, near the usual one or its opposite where it is straight; and
-    the cosine of its angle to the usual one, below 0 where the knee is overstretched.
+    """Unit axis about which a knee is bent in its pose, the usual one or its opposite where it is straight; and the
+    cosine of its angle to the usual one, below 0 where the knee is overstretched.
     """
     cx, cy, cz = _cross(upper, lower)
     cx, cy, cz = cx / scale, cy / scale, cz / scale
-    along, size = _dot((cx, cy, cz), usual), np.sqrt(cx * cx + cy * cy + cz * cz)
-    near = -UPRIGHT if along < 0.0 else UPRIGHT
-    ax, ay, az = cx + near * usual[0], cy + near * usual[1], cz + near * usual[2]
-    length = np.sqrt(ax * ax + ay * ay + az * az)
-    return ax / length, ay / length, az / length, along / max(size, 1e-12)
+    near = UPRIGHT * max(1.0 - np.sqrt(cx * cx + cy * cy + cz * cz) / PLAIN, 0.0)
+    if _dot((cx, cy, cz), usual) < 0.0:
+        near = -near
+    cx, cy, cz = cx + near * usual[0], cy + near * usual[1], cz + near * usual[2]
+    size = np.sqrt(cx * cx + cy * cy + cz * cz)
+    axis = (cx / size, cy / size, cz / size)
+    return axis[0], axis[1], axis[2], _dot(axis, usual)
 
 
 @kernel
@@ -434,7 +439,9 @@ def _leg(rotations: Any, chain: I64, hinge: F64, pose: F64, shift: float) -> Non
         share = _smooth(pose[1] + changed) * _smooth(-cosine)
         line = (wanted[0] / reach, wanted[1] / reach, wanted[2] / reach)
         spin = _spin(rotate(aim, ax, ay, az), rotate(hip_q, *_row(hinge)), line, share)
-        hip_q, knee_q = mul(spin, hip_q), mul(spin, knee_q)
+        thigh_to, shank_to = rotate(aim, *upper), rotate(aim, *lower)
+        hip_q = mul(arc(thigh_to, rotate(spin, *thigh_to)), hip_q)  # without a twist
+        knee_q = mul(arc(shank_to, rotate(spin, *shank_to)), knee_q)
     _put(rotations, hip, mul(inverse(parent), hip_q))
     _put(rotations, knee, mul(inverse(hip_q), knee_q))
     _put(rotations, ankle, mul(inverse(knee_q), (pose[26], pose[27], pose[28], pose[29])))

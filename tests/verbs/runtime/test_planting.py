@@ -125,6 +125,20 @@ def test_knees_are_not_locked_and_legs_move_as_gently_as_before(name):
         assert longest[True] <= max(longest[False], 0.9995), "no leg is straighter than in the blend"
 
 
+@pytest.mark.parametrize("name", ["reach", "board", "lift"])
+def test_straight_knees_bend_forwards_and_turn_smoothly(name):
+    """Legs that are straight in the blend, or a little overstretched."""
+    evaluator, goals = evaluator_of(name), goals_of(evaluator_of(name), 40, seed=3)
+    legs = evaluator.planting().legs
+    knees = legs.chains[:, -3]
+    for goal in goals:
+        planted, blended = (sequence(evaluator, goal[None], FPS, plant=p).rotations[:, knees] for p in (True, False))
+        bends = [2 * np.arctan((q[..., :3] * legs.hinges).sum(axis=-1) / q[..., 3]) for q in (planted, blended)]
+        assert bends[0].min() >= min(bends[1].min(), 0.0) - 0.01
+        turned = quat.mul(planted[1:], quat.conjugate(planted[:-1]))
+        assert np.linalg.norm(turned[..., :3], axis=-1).max() < np.sin(np.radians(8.0))
+
+
 @pytest.mark.parametrize("name", ["punch", "kick", "jump"])
 def test_a_character_at_rest_shows_the_poses_of_a_request(name):
     evaluator = evaluator_of(name)

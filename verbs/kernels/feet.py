@@ -84,7 +84,11 @@ CHECKED = 6
 FADE_S = 0.3
 """Shortest time in which heights and places are taken over after a transition begins."""
 
-SWING, STANCE, STEP, LEAVE = range(4)
+SWING, STANCE, STEP, LEAVE, STAY = range(5)
+
+STAY_M, STAY_RAD = 0.01, 0.1
+"""A foot whose next place is within these distances of the one before stays on its way: one that a blend with a gait
+lifts by a little, or not at all, does not creep between places that hardly differ."""
 
 LATER = 0.6
 """Share of a transition after which it takes over places and heights of a foot that did not stand."""
@@ -285,6 +289,37 @@ def _swing(
 
 
 @kernel
+def _stays(plants: Plants, weights: F64, f: int, ended: float, way: int, found: F64) -> bool:
+    """Whether a foot whose stance ended at a sample position stands next where it stood."""
+    if f == plants.effector:
+        return False
+    after = crossing(plants, f, weights, ended + way * 1e-3, way, plants.contact.shape[1] - 1.0)
+    if np.isnan(after):
+        return False
+    stance(plants, weights, f, ended - way * 1e-3, found[0])
+    place_at(plants, weights, f, after, ended, found[1])
+    away = np.sqrt((found[0, 2] - found[1, 2]) ** 2 + (found[0, 3] - found[1, 3]) ** 2)
+    sine = found[0, 6] * found[1, 7] - found[0, 7] * found[1, 6]
+    return away < STAY_M and abs(sine) < STAY_RAD and found[0, 6] * found[1, 6] + found[0, 7] * found[1, 7] > 0.0
+
+
+@kernel
+def _stay(
+    foot: Any, row: Any, plants: Plants, weights: F64, f: int, x: float, origin: float, place: F64, found: F64
+) -> None:
+    """Move a foot and its place along the path of its motion; one that its motion has elsewhere by now swings."""
+    path_at(plants, weights, f, x, x, found[2])
+    path_at(plants, weights, f, origin, x, found[3])
+    _world(row, found[2])
+    _world(row, found[3])
+    _load(foot, place)
+    go_along(found[2], found[3], place)
+    _store(foot, place)
+    if np.sqrt((place[2] - found[2, 2]) ** 2 + (place[3] - found[2, 3]) ** 2) > 2.0 * STEP_M:
+        foot["mode"], foot["since_s"], foot["near"] = SWING, 0.0, 0.0
+
+
+@kernel
 def _stepping(foot: Any, step_s: float, place: F64, found: F64) -> tuple[float, float]:
     """Move a foot along its step; return the share to which it is held at ``place`` (5,), and how high it is."""
     foot["since_s"] += step_s
@@ -349,9 +384,11 @@ def hold_feet(
         if row["footed"] == 0.0:
             _appear(foot, row, plants, weights, f, step.rate, place, found)
         foot["fade"] = min(1.0, foot["fade"] + step.step_s / max(row["transition_s"], FADE_S))
-        origin = _change(feet, f, row, plants, weights, x, step, commands[0, f], place)
+        origin = _change(feet, f, row, plants, weights, x, step, commands[0, f], place, found)
         if foot["mode"] == STANCE:
             _load(foot, place)
+        elif foot["mode"] == STAY:
+            _stay(foot, row, plants, weights, f, x, origin, place, found)
         elif foot["mode"] == STEP:
             held, rise = _stepping(foot, step.step_s, place, found)
         else:
@@ -372,7 +409,16 @@ def hold_feet(
 
 @kernel
 def _change(
-    feet: Records, f: int, row: Any, plants: Plants, weights: F64, x: float, step: Step, last: F64, place: F64
+    feet: Records,
+    f: int,
+    row: Any,
+    plants: Plants,
+    weights: F64,
+    x: float,
+    step: Step,
+    last: F64,
+    place: F64,
+    found: F64,
 ) -> float:
     """Change the mode of a foot where a stance begins or ends, or it has to step; return where its swing comes from.
 
@@ -381,11 +427,13 @@ def _change(
     foot, origin = feet[f], step.before
     if contact_at(plants, f, weights, x) < 0.5:
         if foot["mode"] == STANCE:
-            return _depart(foot, plants, weights, f, x, step)
+            return _depart(foot, plants, weights, f, x, step, found)
         if foot["mode"] == LEAVE:
             foot["mode"] = SWING
         return origin
-    if foot["mode"] == SWING:
+    if foot["mode"] == STAY:
+        foot["mode"], foot["frames"] = STANCE, 0
+    elif foot["mode"] == SWING:
         _arrive(foot, row, plants, weights, f, x, step, last, place)
     if foot["mode"] == STANCE:
         foot["frames"] += 1
@@ -443,13 +491,15 @@ def hold_track(
 
 
 @kernel
-def _depart(foot: Any, plants: Plants, weights: F64, f: int, x: float, step: Step) -> float:
+def _depart(foot: Any, plants: Plants, weights: F64, f: int, x: float, step: Step, found: F64) -> float:
     """End the stance of a foot; return the sample position at which it ended."""
     count = plants.contact.shape[1] - 1
     foot["mode"], foot["since_s"], foot["near"] = SWING, 0.0, 0.0
     ended = crossing(plants, f, weights, x, -step.way, abs(x - step.before) + 1.0)
     if np.isnan(ended) or (ended - step.before) * step.way < 0.0:  # its weights changed, or its verb
         return step.before
+    if _stays(plants, weights, f, ended, step.way, found):
+        foot["mode"] = STAY
     foot["since_s"] = abs(x - ended) / count * step.rate - step.moved_s  # the step is still to be added
     return ended
 

@@ -220,6 +220,25 @@ def test_feet_that_stand_stay_through_a_switch(first, second):
     assert low >= -2e-3
 
 
+def test_feet_stay_after_a_stop():
+    """Standing after a walk: no foot creeps to where the motion of standing has it."""
+    people = Characters(evaluator_of("locomotion"))
+    slot = people.add({"forward_speed": 1.4, "turn_rate": 0.0, "sideways_speed": 0.0}, half_life_s=0.2)
+    slots, landed = np.array([slot]), {}
+    for frame in range(400):
+        if frame == 180:
+            people.aim(slot, people.row(np.zeros(3)))
+        shown = people.step(slots, STEP_S)
+        balls = points(people.evaluator, shown.root, shown.rotations)[0, :, 1]
+        for foot, mode in enumerate(people.crowd.feet[slot]["mode"]):
+            if frame > 180 and mode == STANCE and foot not in landed:
+                landed[foot] = balls[foot]
+            elif foot in landed and balls[foot, 1] > landed[foot][1] + 0.005:
+                del landed[foot]
+    assert sorted(landed) == [0, 1]
+    assert max(np.linalg.norm((balls[f] - landed[f])[[0, 2]]) for f in landed) < 1e-3
+
+
 def test_a_foot_steps_where_the_next_motion_stands_elsewhere():
     one, other = Characters(evaluator_of("lift")), Characters(evaluator_of("punch"))
     slot, shown, modes = one.add(), [], []

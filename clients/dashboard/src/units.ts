@@ -16,8 +16,9 @@ export function errorUnit(unit: string, most: number): Unit {
   return most < 1 ? { text: `mm${per}`, factor: 1000 } : { text: `m${per}`, factor: 1 };
 }
 
-/** Display unit of an adverb: degrees for angles, else the adverb's own unit. */
+/** Display unit of an adverb: degrees for angles, no text for numbers without unit, else the adverb's own unit. */
 export function adverbUnit(unit: string): Unit {
+  if (unit === "none") return { text: "", factor: 1 };
   if (unit === "rad") return { text: "°", factor: DEGREES };
   return unit === "rad/s" ? { text: "°/s", factor: DEGREES } : { text: unit, factor: 1 };
 }

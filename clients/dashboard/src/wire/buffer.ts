@@ -24,7 +24,7 @@ const SNAP_MS = 500;
 /** Relative slowdown and speed-up while the delay changes. */
 const SLOWER = 0.2;
 const FASTER = 0.1;
-/** Frames further apart than this many intervals give no velocity for extrapolation. */
+/** Frames further apart than this many intervals explain no larger phase step. */
 const LONGEST_STEP = 3.5;
 /** A phase step of this many times the expected one is a discontinuity. */
 const JUMP = 6;
@@ -136,9 +136,9 @@ export class JitterBuffer {
     if (at === 0) return this.at(this.frames[0] as Kept, this.frames[0] as Kept, 0, 0, out);
     const a = this.frames[at - 1] as Kept;
     const b = this.frames[at];
-    if (b?.cut) return this.at(a, a, 0, 0, out);
-    if (b) return this.at(a, b, (shownMs - a.dueMs) / (b.dueMs - a.dueMs), 0, out);
-    return this.past(a, shownMs - a.dueMs, out);
+    if (b && !b.cut) return this.at(a, b, (shownMs - a.dueMs) / (b.dueMs - a.dueMs), 0, out);
+    if (b && b.dueMs - a.dueMs < LONGEST_STEP * this.intervalMs) return this.at(a, a, 0, 0, out);
+    return this.past(this.frames[at - 2], a, shownMs - a.dueMs, out);
   }
 
   /** Displayed instant on the server's clock. */
@@ -152,13 +152,11 @@ export class JitterBuffer {
     return this.sampledMs - this.lagMs;
   }
 
-  /** Extrapolate past the last frame for a short time. */
-  private past(last: Kept, beyondMs: number, out: Float32Array): Sample {
-    const before = this.frames.at(-2);
-    const stepMs = before ? last.dueMs - before.dueMs : Number.POSITIVE_INFINITY;
-    if (!before || last === this.entered || last.head.flags & FLAGS.last || stepMs > LONGEST_STEP * this.intervalMs)
-      return this.at(last, last, 0, beyondMs, out);
-    return this.at(before, last, 1 + Math.min(beyondMs, EXTRAPOLATE_MS) / stepMs, beyondMs, out);
+  /** Extrapolate past the last frame, or the last one before a discontinuity, for a short time. */
+  private past(before: Kept | undefined, last: Kept, beyondMs: number, out: Float32Array): Sample {
+    if (!before || last === this.entered || last.head.flags & FLAGS.last) return this.at(last, last, 0, beyondMs, out);
+    const share = 1 + Math.min(beyondMs, EXTRAPOLATE_MS) / (last.dueMs - before.dueMs);
+    return this.at(before, last, share, beyondMs, out);
   }
 
   /** Interpolate between two frames, or extrapolate if `share` exceeds 1. */

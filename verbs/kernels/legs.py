@@ -380,8 +380,10 @@ def _smooth(value: float) -> float:
 
 @kernel
 def _hinge(upper: Any, lower: Any, usual: Any, scale: float) -> Any:
-    """Unit axis about which a knee is bent in its pose, the usual one or its opposite where it is straight; and the
-    cosine of its angle to the usual one, below 0 where the knee is overstretched.
+    """Unit axis about which a knee is bent, and the cosine of its angle to the usual one.
+
+    The axis is near the usual one or its opposite where the knee is straight; the cosine is below 0 where it is
+    overstretched.
     """
     cx, cy, cz = _cross(upper, lower)
     cx, cy, cz = cx / scale, cy / scale, cz / scale

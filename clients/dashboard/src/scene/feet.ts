@@ -1,17 +1,8 @@
-import {
-  CircleGeometry,
-  Color,
-  DynamicDrawUsage,
-  InstancedMesh,
-  Matrix4,
-  MeshBasicMaterial,
-  type Quaternion,
-  Vector3,
-} from "three";
+import { CircleGeometry, Color, DynamicDrawUsage, InstancedMesh, Matrix4, MeshBasicMaterial, Vector3 } from "three";
 import type { Anatomy } from "./anatomy";
 import type { Palette } from "./palette";
 import { footPoints, SlideMeter } from "./slide_meter";
-import { groundHeight, type Slope } from "./slope";
+import type { SlopedGround } from "./slope";
 
 const ONE = new Vector3(1, 1, 1);
 
@@ -48,16 +39,15 @@ export class Feet {
     return this.#meter.slide;
   }
 
-  /** @param tilt rotation of level ground to the slope */
-  update(positions: Float32Array, now_s: number, slope: Slope | null, tilt: Quaternion): void {
-    this.#meter.update(positions, now_s, slope);
+  update(positions: Float32Array, now_s: number, ground: SlopedGround): void {
+    this.#meter.update(positions, now_s, ground.slope);
     const [at, place] = [new Matrix4(), new Vector3()];
     let count = 0;
     for (const [k, stance] of this.#meter.stances.entries()) {
       const joint = this.#meter.points[k]?.joint ?? 0;
       if (!stance) continue;
       const [x, z] = [positions[3 * joint] as number, positions[3 * joint + 2] as number];
-      at.compose(place.set(x, groundHeight(slope, x, z) + LIFT_M, z), tilt, ONE);
+      at.compose(place.set(x, ground.height(x, z) + LIFT_M, z), ground.tilt, ONE);
       this.mesh.setMatrixAt(count, at);
       this.mesh.setColorAt(count++, stance.slide < FAR_M ? this.#standing : this.#sliding);
     }

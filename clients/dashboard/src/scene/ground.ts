@@ -13,7 +13,7 @@ import {
   Vector3,
 } from "three";
 import type { Palette } from "./palette";
-import type { Slope } from "./slope";
+import type { Slope, SlopedGround } from "./slope";
 
 const VERTEX = `
 uniform float reach;
@@ -110,8 +110,8 @@ export class Ground {
     this.#shade.scale.set(4 * size, 4 * size, 1);
   }
 
-  /** Tilt the ground to a slope, null: level at y = 0; `tilt` is the rotation of level ground to it. */
-  tilt(slope: Slope | null, tilt: Quaternion): void {
+  /** Tilt the ground to the slope under a character. */
+  tilt({ slope, tilt }: SlopedGround): void {
     if (this.#wall || (!slope && !this.#slope)) return;
     this.#slope = slope;
     const { x, y, z } = slope ?? LEVEL;

@@ -1,12 +1,13 @@
 /** Sloped ground under a character that climbs. */
 
-import { type Quaternion, Vector3 } from "three";
+import { Quaternion, Vector3 } from "three";
 import type { Incline } from "../types";
 
 /** Smoothing rate of the drawn plane, 1/s. */
 const RATE = 6;
 /** A character that is farther from its ground than this was moved, m. */
 const FAR_M = 0.3;
+const LONGEST_STEP_S = 0.1;
 const WHOLE_TURN = 2 * Math.PI;
 
 export interface Slope {
@@ -60,8 +61,34 @@ export function followSlope(
 }
 
 /** Rotation of level ground to the slope, in `out`. */
-export function tiltOf(slope: Slope | null, out: Quaternion): Quaternion {
+function tiltOf(slope: Slope | null, out: Quaternion): Quaternion {
   if (!slope) return out.identity();
   const across = new Vector3(Math.cos(slope.course), 0, -Math.sin(slope.course));
   return out.setFromAxisAngle(across, -Math.atan(slope.gradient));
+}
+
+/** Ground under one character: level until an incline is known. */
+export class SlopedGround {
+  slope: Slope | null = null;
+  /** Rotation of level ground to the slope. */
+  readonly tilt = new Quaternion();
+  #incline: Incline | null = null;
+  #at = 0;
+
+  /** Incline of the current goal; null: level ground. */
+  set(incline: Incline | null): void {
+    this.#incline = incline;
+    if (!incline) this.slope = null;
+  }
+
+  follow(phase: number, root: Float32Array, yaw: number, now_s: number): void {
+    const delta_s = Math.min(now_s - this.#at, LONGEST_STEP_S);
+    this.#at = now_s;
+    if (this.#incline) this.slope = followSlope(this.slope, this.#incline, phase, root, yaw, delta_s);
+    tiltOf(this.slope, this.tilt);
+  }
+
+  height(x: number, z: number): number {
+    return groundHeight(this.slope, x, z);
+  }
 }

@@ -1,4 +1,4 @@
-import { Group, Quaternion, Scene, Vector3, type WebGLRenderer } from "three";
+import { Group, Scene, Vector3, type WebGLRenderer } from "three";
 import type { CrowdPlaces, Drawn, Incline, Picture, Role, Stage, Verb } from "../types";
 import { anatomyOf } from "./anatomy";
 import { CameraRig } from "./camera";
@@ -18,7 +18,7 @@ import { materials } from "./materials";
 import { paletteOf } from "./palette";
 import { Pointer } from "./pointer";
 import { rendererOf } from "./renderer";
-import { followSlope, groundHeight, type Slope, tiltOf } from "./slope";
+import { SlopedGround } from "./slope";
 import { StageLabels } from "./stage_labels";
 import type { V3 } from "./vec";
 
@@ -62,9 +62,7 @@ class WebGLStage implements Stage {
   #figures: Record<Role, Figures> | null = null;
   #feet: Feet | null = null;
   #layout: Layout | null = null;
-  #incline: Incline | null = null;
-  #slope: Slope | null = null;
-  readonly #tilt = new Quaternion();
+  readonly #slope = new SlopedGround();
   #adverbs: Adverbs = {};
   #shownMarks = { hull: true, examples: true, pseudo: true };
   #detail: "high" | "low" = "high";
@@ -79,7 +77,6 @@ class WebGLStage implements Stage {
   #hovered: { known: ExamplePoint; at: Vector3 } | null = null;
   #request = 0;
   #drawnAt = 0;
-  #slopedAt = 0;
 
   constructor(host: HTMLElement, renderer: WebGLRenderer) {
     this.#host = host;
@@ -132,9 +129,7 @@ class WebGLStage implements Stage {
   }
 
   setIncline(incline: Incline | null): void {
-    this.#incline = incline;
-    if (incline) return;
-    this.#slope = null;
+    this.#slope.set(incline);
     this.#requestDraw();
   }
 
@@ -147,21 +142,13 @@ class WebGLStage implements Stage {
     figures.show(picture, this.#rig.camera.position.toArray());
     if (role === "main" && picture && picture.count > 0) {
       this.#phase = picture.phase;
-      this.#followGround(figures);
-      if (!this.#layout.wall) this.#feet?.update(figures.positions, performance.now() / 1000, this.#slope, this.#tilt);
+      const now_s = performance.now() / 1000;
+      this.#slope.follow(picture.phase, figures.positions, yawOf(figures.rotations, 0), now_s);
+      if (!this.#layout.wall) this.#feet?.update(figures.positions, now_s, this.#slope);
       if (this.#space?.kind === "jump") this.#goalFrame.updateJump(picture.phase, figures.positions, figures.rotations);
       if (before !== picture.count) this.#frameCrowd(picture.count);
     }
     this.#requestDraw();
-  }
-
-  #followGround({ positions, rotations }: Figures): void {
-    const now = performance.now();
-    const delta_s = Math.min((now - this.#slopedAt) / 1000, 0.1);
-    this.#slopedAt = now;
-    if (this.#incline)
-      this.#slope = followSlope(this.#slope, this.#incline, this.#phase, positions, yawOf(rotations, 0), delta_s);
-    tiltOf(this.#slope, this.#tilt);
   }
 
   setGoal(goal: Adverbs): void {
@@ -318,7 +305,7 @@ class WebGLStage implements Stage {
     this.#marks?.dispose();
     this.#feet?.dispose();
     [this.#figures, this.#marks, this.#feet, this.#hovered] = [null, null, null, null];
-    [this.#incline, this.#slope] = [null, null];
+    this.#slope.set(null);
     this.#goalFrame.reset();
     this.#rig.follow(null, 0);
   }
@@ -371,12 +358,12 @@ class WebGLStage implements Stage {
         moving = this.#goalFrame.updateStride(main.positions, main.rotations, delta_s);
       }
       const [x, , z] = main.positions as unknown as [number, number, number];
-      const root = new Vector3(x, groundHeight(this.#slope, x, z), z);
+      const root = new Vector3(x, this.#slope.height(x, z), z);
       if (this.#rig.follow(this.#following || this.#driving ? root : null, delta_s)) moving = true;
       if (this.#driving && this.#rig.turn(this.#goalFrame.heading)) moving = true;
     }
     const { x, z } = this.#goalFrame;
-    this.#frame.position.set(x, groundHeight(this.#slope, x, z), z);
+    this.#frame.position.set(x, this.#slope.height(x, z), z);
     this.#frame.rotation.y = this.#goalFrame.heading;
     this.#frame.updateMatrixWorld(true);
     return moving;
@@ -396,7 +383,7 @@ class WebGLStage implements Stage {
       const snap = (value: number | undefined) => Math.round((value ?? 0) * 4) / 4;
       const crowd = this.#layout.crowd(main?.count ?? 1);
       this.#lights.aim(snap(x) + crowd.x, snap(y) + crowd.y, snap(z) + crowd.z, radius(main?.count ?? 1), light);
-      this.#ground.tilt(this.#slope, this.#tilt);
+      this.#ground.tilt(this.#slope);
       this.#ground.centre(target.x, target.y, target.z);
       const [u, v] =
         (this.#following || this.#driving) && main?.count ? [Math.round(x ?? 0), Math.round(z ?? 0)] : [0, 0];

@@ -24,7 +24,7 @@ from verbs.quality import foot_contact
 from verbs.runtime.evaluate import Blend
 from verbs.runtime.whole_motion import RATE_HZ, examples, one_of, sampled
 
-GOALS, SEED = 60, 3
+GOALS, SEED = 500, 3
 
 
 @dataclass(frozen=True)

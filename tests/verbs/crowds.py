@@ -6,7 +6,7 @@ import numpy as np
 
 from verbs.kernels import character_state
 from verbs.kernels.character_state import Crowd
-from verbs.kernels.feet import FOOT
+from verbs.kernels.foot_state import FOOT
 from verbs.kernels.legs import COMMAND, Legs
 
 NO_LEGS = Legs(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from verbs.conventions import F64, I64, Floats
 from verbs.kernels import fk
 from verbs.skeleton import Skeleton
 
-__all__ = ["Figure", "Pose"]
+__all__ = ["Figure", "Pose", "skeleton_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,3 +66,18 @@ class Figure:
     def centre_of_mass(self, positions: Floats) -> F64:
         """Centre of mass (..., 3) of joint positions (..., J, 3)."""
         return np.asarray(np.einsum("j,...jk->...k", self.mass_shares, positions))
+
+
+def skeleton_of(
+    joints: Mapping[str, tuple[str | None, tuple[float, float, float]]], tips: Mapping[str, tuple[float, float, float]]
+) -> Skeleton:
+    """Skeleton of joints, each with its parent (None: the root) and offset in metres, and of the tips of some."""
+    names = tuple(joints)
+    ends = [name for name in names if name in tips]
+    return Skeleton(
+        names=names,
+        parents=np.array([-1 if parent is None else names.index(parent) for parent, _ in joints.values()], np.int64),
+        offsets=np.array([offset for _, offset in joints.values()]),
+        tip_parents=np.array([names.index(name) for name in ends], np.int64),
+        tip_offsets=np.array([tips[name] for name in ends]),
+    )

@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 
 from tools.authoring import solver
-from tools.authoring.figure import Figure, Pose
+from tools.authoring.figure import Figure, Pose, skeleton_of
 from verbs.conventions import F64, Floats
 from verbs.kernels import quat
 from verbs.skeleton import Skeleton
@@ -186,15 +186,7 @@ def _skeleton() -> Skeleton:
         for name, (x, y, z) in _TIPS.items()
         for each in {name: 0, mirror_name(name): 0}
     }
-    names = tuple(rows)
-    tips = {name: tips[name] for name in names if name in tips}
-    return Skeleton(
-        names=names,
-        parents=np.array([-1 if row[0] is None else names.index(row[0]) for row in rows.values()], np.int64),
-        offsets=np.array([row[1] for row in rows.values()]),
-        tip_parents=np.array([names.index(name) for name in tips], np.int64),
-        tip_offsets=np.array(list(tips.values())),
-    )
+    return skeleton_of(rows, tips)
 
 
 def _mirrored_table(skeleton: Skeleton, column: int) -> F64:

@@ -11,6 +11,7 @@ from functools import cache
 
 import numpy as np
 
+from tools.authoring.figure import skeleton_of
 from tools.authoring.gait_model import SIDES, STRIDES, Contacts
 from tools.authoring.steps import Foot, Path, Steps, Swing, about, loop_curve, spans, track, two_bones, walk_phase
 from verbs.conventions import F64
@@ -109,15 +110,7 @@ def walker() -> Skeleton:
         for part, (x, y, z) in _LEG.items():
             rows[side + part] = (parent, (sign * x, y, z))
             parent = side + part
-    names = tuple(rows)
-    tips = {name: _TIPS[name] for name in names if name in _TIPS}
-    return Skeleton(
-        names=names,
-        parents=np.array([-1 if row[0] is None else names.index(row[0]) for row in rows.values()], np.int64),
-        offsets=np.array([row[1] for row in rows.values()]),
-        tip_parents=np.array([names.index(name) for name in tips], np.int64),
-        tip_offsets=np.array(list(tips.values())),
-    )
+    return skeleton_of(rows, _TIPS)
 
 
 def cycle(stalk: Stalk, speed: float, fps: float, *, seed: int = 0) -> tuple[Motion, F64, Contacts]:

@@ -16,6 +16,18 @@ from verbs.conventions import F64, I64
 from verbs.kernels import timewarp
 from verbs.kernels.character_state import Crowd, Records
 from verbs.kernels.compile import kernel
+from verbs.kernels.foot_state import (
+    LEAVE,
+    STANCE,
+    STAY,
+    STEP,
+    SWING,
+    load_next,
+    load_place,
+    store_next,
+    store_place,
+    to_world,
+)
 from verbs.kernels.legs import CONTACTS, GROUNDS, PELVIS
 from verbs.kernels.stances import (
     LONG_S,
@@ -27,17 +39,15 @@ from verbs.kernels.stances import (
     contact_at,
     crossing,
     go_along,
-    move_place,
     path_at,
     place_at,
-    rotate_place,
     shift,
     smooth,
     stance,
 )
 from verbs.kernels.timewarp import Clock
 
-__all__ = ["FOOT", "Step", "hold", "hold_feet", "hold_track", "release"]
+__all__ = ["Step", "hold", "hold_feet", "hold_track", "release"]
 
 
 class Step(NamedTuple):
@@ -84,8 +94,6 @@ CHECKED = 6
 FADE_S = 0.3
 """Shortest time in which heights and places are taken over after a transition begins."""
 
-SWING, STANCE, STEP, LEAVE, STAY = range(5)
-
 STAY_M, STAY_RAD = 0.01, 0.1
 """A foot whose next place is within these distances of the one before stays on its way: one that a blend with a gait
 lifts by a little, or not at all, does not creep between places that hardly differ."""
@@ -102,64 +110,6 @@ NEAR = 0.98
 FASTEST = 2.5
 """Largest change of that share in the time of a release; the smooth curve's is 1.875."""
 
-_AXES = ("heel_x", "heel_z", "ball_x", "ball_z", "tip_x", "tip_z", "dx", "dz")
-
-FOOT = np.dtype(
-    [
-        ("mode", "i8"),
-        ("since_s", "f8"),  # since it left, or since its step began
-        ("near", "f8"),  # share of the next place in the last frame; of a step, share that was held at its begin
-        ("fade", "f8"),  # up to 1: how far heights are taken over; below 0 not yet
-        *(
-            (f"sunk_{point}", "f8") for point in ("heel", "ball", "tip")
-        ),  # below its ground when its motion began, metres
-        ("length_s", "f8"),  # of its step
-        ("rise", "f8"),  # height of its step, metres
-        ("frames", "i8"),  # since it was last compared with its motion
-        *((f"{when}{axis}", "f8") for when in ("", "next_") for axis in _AXES),
-    ]
-)
-"""State of one foot of a character: its place in the world where it stands or stood last, and where it goes next."""
-
-
-@kernel
-def _world(row: Any, place: F64) -> None:
-    """Take a place (8,) from the motion's frame into the world, by a character's position."""
-    rotate_place(place, np.cos(row["heading"]), np.sin(row["heading"]))
-    move_place(place, row["x"], row["z"])
-
-
-@kernel
-def _store(foot: Any, place: F64) -> None:
-    """Keep a place (8,) as the one where a foot stands."""
-    foot["heel_x"], foot["heel_z"], foot["ball_x"], foot["ball_z"] = place[0], place[1], place[2], place[3]
-    foot["tip_x"], foot["tip_z"], foot["dx"], foot["dz"] = place[4], place[5], place[6], place[7]
-
-
-@kernel
-def _load(foot: Any, place: F64) -> None:
-    """Read the place (8,) where a foot stands."""
-    place[0], place[1], place[2], place[3] = foot["heel_x"], foot["heel_z"], foot["ball_x"], foot["ball_z"]
-    place[4], place[5], place[6], place[7] = foot["tip_x"], foot["tip_z"], foot["dx"], foot["dz"]
-
-
-@kernel
-def _store_next(foot: Any, place: F64) -> None:
-    """Keep a place (8,) as the one where a foot goes."""
-    foot["next_heel_x"], foot["next_heel_z"] = place[0], place[1]
-    foot["next_ball_x"], foot["next_ball_z"] = place[2], place[3]
-    foot["next_tip_x"], foot["next_tip_z"] = place[4], place[5]
-    foot["next_dx"], foot["next_dz"] = place[6], place[7]
-
-
-@kernel
-def _load_next(foot: Any, place: F64) -> None:
-    """Read the place (8,) where a foot goes."""
-    place[0], place[1] = foot["next_heel_x"], foot["next_heel_z"]
-    place[2], place[3] = foot["next_ball_x"], foot["next_ball_z"]
-    place[4], place[5] = foot["next_tip_x"], foot["next_tip_z"]
-    place[6], place[7] = foot["next_dx"], foot["next_dz"]
-
 
 @kernel
 def _appear(foot: Any, row: Any, plants: Plants, weights: F64, f: int, rate: float, place: F64, found: F64) -> None:
@@ -170,8 +120,8 @@ def _appear(foot: Any, row: Any, plants: Plants, weights: F64, f: int, rate: flo
     foot["mode"] = STANCE if contact_at(plants, f, weights, x) >= 0.5 else SWING
     if foot["mode"] == STANCE:
         stance(plants, weights, f, x, place)
-        _world(row, place)
-        _store(foot, place)
+        to_world(row, place)
+        store_place(foot, place)
         return
     limit = RELEASE_S / max(rate, 1e-9) * count
     before = crossing(plants, f, weights, x, -1, limit)
@@ -183,8 +133,8 @@ def _appear(foot: Any, row: Any, plants: Plants, weights: F64, f: int, rate: flo
         path_at(plants, weights, f, x, x, found[0])
         path_at(plants, weights, f, before, x, found[1])
         go_along(found[0], found[1], place)
-        _world(row, place)
-        _store(foot, place)
+        to_world(row, place)
+        store_place(foot, place)
     if not np.isnan(after):
         left = (after - x) / count * rate
         foot["near"] = 1.0 - smooth(left / max(min(RELEASE_S, foot["since_s"] + left), 1e-6))
@@ -210,7 +160,7 @@ def _compare(feet: Any, f: int, row: Any, plants: Plants, weights: F64, x: float
     foot = feet[f]
     foot["frames"] = 0
     stance(plants, weights, f, x, place)
-    _world(row, place)
+    to_world(row, place)
     away = np.sqrt((place[2] - foot["ball_x"]) ** 2 + (place[3] - foot["ball_z"]) ** 2)
     sine, cosine = place[6] * foot["dz"] - place[7] * foot["dx"], place[6] * foot["dx"] + place[7] * foot["dz"]
     turned = abs(np.arctan2(sine, cosine))
@@ -223,7 +173,7 @@ def _compare(feet: Any, f: int, row: Any, plants: Plants, weights: F64, x: float
     if _ends_within(plants, f, weights, x, step, STEP_S):
         foot["mode"], foot["since_s"], foot["near"] = LEAVE, 0.0, 0.0  # its stance ends before a step would
         return
-    _store_next(foot, place)
+    store_next(foot, place)
     _begin_step(foot, 1.0, STEP_S, min(MOST_RISE_M, STEP_M + STEP_RISE * (away + 0.1 * turned)))
 
 
@@ -263,18 +213,18 @@ def _swing(
         place_at(plants, weights, f, after, x, found[1])
         path_at(plants, weights, f, after, x, found[3])
         go_along(found[2], found[3], found[1])
-        _world(row, found[1])
-        _store_next(foot, found[1])
+        to_world(row, found[1])
+        store_next(foot, found[1])
     leaving = 0.0
     if foot["since_s"] < LONGEST_S:
         path_at(plants, weights, f, origin, x, found[3])
-        _world(row, found[2])
-        _world(row, found[3])
-        _load(foot, found[0])
+        to_world(row, found[2])
+        to_world(row, found[3])
+        load_place(foot, found[0])
         go_along(found[2], found[3], found[0])
-        _store(foot, found[0])
+        store_place(foot, found[0])
         leaving = 1.0 - smooth(foot["since_s"] / max(gap, _needed_s(found[0], found[2])))
-    _load_next(foot, found[1])
+    load_next(foot, found[1])
     fastest = FASTEST * step.moved_s / max(gap, leaving * _needed_s(found[0], found[1]))
     coming = smooth(foot["fade"]) * (1.0 - smooth(left / gap)) if left < RELEASE_S else 0.0
     coming = min(max(coming, foot["near"] - fastest), foot["near"] + fastest)
@@ -310,11 +260,11 @@ def _stay(
     """Move a foot and its place along the path of its motion; one that its motion has elsewhere by now swings."""
     path_at(plants, weights, f, x, x, found[2])
     path_at(plants, weights, f, origin, x, found[3])
-    _world(row, found[2])
-    _world(row, found[3])
-    _load(foot, place)
+    to_world(row, found[2])
+    to_world(row, found[3])
+    load_place(foot, place)
     go_along(found[2], found[3], place)
-    _store(foot, place)
+    store_place(foot, place)
     if np.sqrt((place[2] - found[2, 2]) ** 2 + (place[3] - found[2, 3]) ** 2) > 2.0 * STEP_M:
         foot["mode"], foot["since_s"], foot["near"] = SWING, 0.0, 0.0
 
@@ -325,13 +275,13 @@ def _stepping(foot: Any, step_s: float, place: F64, found: F64) -> tuple[float, 
     foot["since_s"] += step_s
     u = min(max(foot["since_s"] / foot["length_s"], 0.0), 1.0)
     share = smooth(u)
-    _load(foot, found[0])
-    _load_next(foot, found[1])
+    load_place(foot, found[0])
+    load_next(foot, found[1])
     between(found[0], found[1], share, place)
     held = foot["near"] + (1.0 - foot["near"]) * share
     if u >= 1.0:
         foot["mode"], foot["frames"] = STANCE, 0
-        _store(foot, found[1])
+        store_place(foot, found[1])
     return held, foot["rise"] * 16.0 * (u * (1.0 - u)) ** 2
 
 
@@ -386,7 +336,7 @@ def hold_feet(
         foot["fade"] = min(1.0, foot["fade"] + step.step_s / max(row["transition_s"], FADE_S))
         origin = _change(feet, f, row, plants, weights, x, step, commands[0, f], place, found)
         if foot["mode"] == STANCE:
-            _load(foot, place)
+            load_place(foot, place)
         elif foot["mode"] == STAY:
             _stay(foot, row, plants, weights, f, x, origin, place, found)
         elif foot["mode"] == STEP:
@@ -510,19 +460,19 @@ def _arrive(
 ) -> None:
     """Begin the stance of a foot: at once where it is in its place, or else within a while."""
     stance(plants, weights, f, x, place)
-    _world(row, place)
+    to_world(row, place)
     away = np.sqrt((place[2] - last[3]) ** 2 + (place[3] - last[4]) ** 2)
     held = last[0] if foot["fade"] > 0.0 else 0.0  # a transition has begun at the displayed pose
-    _store_next(foot, place)
+    store_next(foot, place)
     if held >= NEAR and away < LANDED_M:
         foot["mode"], foot["frames"] = STANCE, 0
-        _store(foot, place)
+        store_place(foot, place)
         return
-    _store(foot, place)
+    store_place(foot, place)
     length_s = LANDING_S
     if held > 0.0:
         length_s = max(length_s, held * _needed_s(place, last[1 : 1 + PLACE]))
-        _store(foot, last[1 : 1 + PLACE])
+        store_place(foot, last[1 : 1 + PLACE])
     _begin_step(foot, held, length_s, 0.0)
     if foot["fade"] < 0.0:  # the transition brings it there
         foot["since_s"], foot["length_s"] = foot["fade"] * row["transition_s"], max(row["transition_s"], LANDING_S)
@@ -555,11 +505,11 @@ def release(feet: Records, points: F64, levels: F64, flat: F64) -> None:
             foot["mode"], foot["since_s"], foot["near"], foot["fade"] = SWING, LONG_S, 0.0, -LATER
             continue
         foot["frames"] = CHECKED
-        _load(foot, place)
+        load_place(foot, place)
         dx, dz, x, z = place[6], place[7], points[f, 1, 0], points[f, 1, 2]
         tx, tz = place[4] - place[2], place[5] - place[3]
         size = np.sqrt(tx * tx + tz * tz)
         tx, tz = (tx / size, tz / size) if size > 1e-3 else (dx, dz)
         place[0], place[1], place[2], place[3] = x - flat[f, 0] * dx, z - flat[f, 0] * dz, x, z
         place[4], place[5] = x + flat[f, 1] * tx, z + flat[f, 1] * tz
-        _store(foot, place)
+        store_place(foot, place)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from verbs.conventions import F64, I64
 from verbs.kernels.character_state import CHARACTER, Crowd, Records
-from verbs.kernels.feet import FOOT
+from verbs.kernels.foot_state import FOOT
 from verbs.kernels.legs import COMMAND
 from verbs.runtime.evaluate import Blend
 from verbs.verb import Verb

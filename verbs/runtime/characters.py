@@ -14,7 +14,7 @@ from verbs.conventions import F32, F64, I64
 from verbs.errors import OutOfRange
 from verbs.kernels import character_state, inertialization
 from verbs.kernels.compile import direct
-from verbs.kernels.feet import FOOT
+from verbs.kernels.foot_state import FOOT
 from verbs.runtime import transition
 from verbs.runtime.character_pool import Frames, Step
 from verbs.runtime.character_steps import RESTART_S, CharacterSteps

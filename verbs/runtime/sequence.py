@@ -13,7 +13,8 @@ from verbs.kernels import pose as kernels
 from verbs.kernels import timewarp, timing
 from verbs.kernels.character_state import CHARACTER
 from verbs.kernels.compile import kernel
-from verbs.kernels.feet import FOOT, hold_track
+from verbs.kernels.feet import hold_track
+from verbs.kernels.foot_state import FOOT
 from verbs.kernels.legs import COMMAND, plant_poses
 from verbs.kernels.timewarp import Clock
 from verbs.motion import Motion

@@ -12,7 +12,7 @@ from verbs import Characters, Evaluator, library
 from verbs.domain import random_points
 from verbs.kernels import pose as poses
 from verbs.kernels import quat
-from verbs.kernels.feet import STANCE, STEP
+from verbs.kernels.foot_state import STANCE, STEP
 from verbs.quality import foot_contact
 from verbs.runtime.sequence import sequence, tracked
 

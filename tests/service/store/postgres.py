@@ -40,9 +40,20 @@ class Postgres:
         self.folder = Path(tempfile.mkdtemp(prefix="pg-", dir=memory()))  # short: a socket's path has its limit
         if self._user:
             shutil.chown(self.folder, **self._user)
+            self._bin = self._reachable(bin)
         options = "-A trust --no-sync --no-locale --no-instructions -E UTF8 -U adverb"
         self._call("initdb", "-D", str(self.folder / "data"), *options.split())
         self.start()
+
+    def _reachable(self, bin: Path) -> Path:
+        """Folder of the programs; a copy of it if `nobody` may not enter a folder above them."""
+        if all(folder.stat().st_mode & 0o001 for folder in bin.parents):
+            return bin
+        package, copy = bin.parents[1], self.folder / "programs"
+        for part in (bin.parent, package.with_name(f"{package.name}.libs")):  # libraries are found relative to `bin`
+            if part.is_dir():
+                shutil.copytree(part, copy / part.relative_to(package.parent))
+        return copy / bin.relative_to(package.parent)
 
     def start(self) -> None:
         options = f"-h '' -k {self.folder} -F -c shared_buffers=16MB"

@@ -19,6 +19,8 @@ import psycopg
 
 OTHERS = "pid <> pg_backend_pid() AND datname = current_database()"
 """Other connections of the same database, in pg_stat_activity."""
+ACCOUNT = "nobody"
+"""PostgreSQL runs as this user where the tests run as root."""
 
 
 def programs() -> Path | None:
@@ -36,7 +38,7 @@ def memory() -> Path | None:
 class Postgres:
     def __init__(self, bin: Path) -> None:
         self._bin = bin
-        self._user = {"user": "nobody"} if os.geteuid() == 0 else {}  # PostgreSQL refuses to run as root
+        self._user = {"user": ACCOUNT} if os.geteuid() == 0 else {}  # PostgreSQL refuses to run as root
         self.folder = Path(tempfile.mkdtemp(prefix="pg-", dir=memory()))  # short: a socket's path has its limit
         if self._user:
             shutil.chown(self.folder, **self._user)
@@ -46,7 +48,7 @@ class Postgres:
         self.start()
 
     def _reachable(self, bin: Path) -> Path:
-        """Folder of the programs; a copy of it if `nobody` may not enter a folder above them."""
+        """Folder of the programs; a copy of it if its user may not enter a folder above them."""
         if all(folder.stat().st_mode & 0o001 for folder in bin.parents):
             return bin
         package, copy = bin.parents[1], self.folder / "programs"

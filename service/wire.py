@@ -77,6 +77,9 @@ ENCODINGS = {"f32": F32_ENCODING, "q48": Q48, "weights": WEIGHTS, "q32": Q32}
 CLAMPED, IN_TRANSITION, NEW_VERSION, LAST = 1, 2, 4, 8
 """Flags of a record; clients ignore unknown ones."""
 
+SUPPORT_SHIFT, SUPPORT_STEPS = 4, 14
+"""The upper half of the flags: 0, or 1 + support in steps of 1/14, where the client requests it."""
+
 HEADER = struct.Struct("<BBHIQI")
 """Header of a pose message: op, wire version, records, sequence, time in ns, dropped."""
 
@@ -115,8 +118,19 @@ def record(joints: int) -> np.dtype[np.void]:
     return np.dtype([*HEAD.descr, ("root", "<f4", (3,)), ("rotations", "<f4", (joints, 4))])
 
 
+def support_flags(support: F64) -> U8:
+    """Flags (B,) of support (B,), 0 to 1."""
+    return ((1 + np.rint(SUPPORT_STEPS * support)).astype(np.uint8) << SUPPORT_SHIFT).astype(np.uint8)
+
+
 def encode(
-    poses: Poses, rotations: npt.NDArray[Any], version: int, *, channels: I64 | int = 0, ended: bool = False
+    poses: Poses,
+    rotations: npt.NDArray[Any],
+    version: int,
+    *,
+    channels: I64 | int = 0,
+    ended: bool = False,
+    support: F64 | None = None,
 ) -> Records:
     """Records (B,) of a batch of poses, as one array whose memory is sent.
 
@@ -130,6 +144,8 @@ def encode(
     channels : (B,) int64 or int
     ended : bool
         Whether the last record ends a motion.
+    support : (B,) or (1,) float64, optional
+        Written to the flags.
     """
     rows = np.empty(len(rotations), record(rotations.shape[1]))
     blend = poses.blend
@@ -145,17 +161,24 @@ def encode(
     rows["rotations"] = rotations
     if ended:
         rows["flags"][-1] |= LAST
+    if support is not None:
+        rows["flags"] |= support_flags(support)
     return rows
 
 
-def encode_one(poses: Poses, rotations: npt.NDArray[np.float32], version: int) -> bytes:
+def encode_one(
+    poses: Poses, rotations: npt.NDArray[np.float32], version: int, *, support: F64 | None = None
+) -> bytes:
     """Record of the only pose of a batch, on channel 0: the bytes of :func:`encode` in a third of the time."""
     blend = poses.blend
+    flags = CLAMPED if blend.clamped[0] else 0
+    if support is not None:
+        flags |= int(support_flags(support)[0])
     return (
         _HEAD_AND_ROOT.pack(
             0,
             F32_ENCODING,
-            CLAMPED if blend.clamped[0] else 0,
+            flags,
             version,
             poses.phase[0],
             poses.time_s[0],

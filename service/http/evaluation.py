@@ -149,7 +149,10 @@ async def records(state: ServerState, entry: Entry, found: Evaluated, *, crowd: 
 
     def work() -> bytes:
         channels = np.arange(len(found.rotations)) % 65_536 if crowd else 0
-        return wire.encode(found.poses, found.rotations, entry.version, channels=channels, ended=not crowd).tobytes()
+        rows = wire.encode(
+            found.poses, found.rotations, entry.version, channels=channels, ended=not crowd, support=found.support
+        )
+        return rows.tobytes()
 
     return await state.pool.run(0.01 * found.rotations.size, work)
 

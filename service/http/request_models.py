@@ -74,6 +74,9 @@ class Options(_Body):
             "The effector stays on its goal."
         ),
     ] = True
+    support: Annotated[
+        bool, Field(description="Whether binary records have the support in their flags. JSON always has it.")
+    ] = False
 
 
 class PoseRequest(Options):

@@ -87,6 +87,7 @@ class Channels:
         channel = Channel(
             *(request.channel, session, group, slot, request.fps, layout, form),
             events=request.events,
+            support=request.support,
             priority=request.priority,
         )
         session.channels[request.channel] = channel

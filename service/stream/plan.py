@@ -62,6 +62,8 @@ class Part:
     targets : Targets
     wanted : (B,) int64
         Whether events of a character are reported.
+    supported : (S,) int64
+        Rows whose records have the support by the examples.
     """
 
     group: Group
@@ -70,6 +72,7 @@ class Part:
     slots: I64
     targets: Targets
     wanted: I64
+    supported: I64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,13 +203,15 @@ def _part(key: tuple[Group, int], pieces: list[_Piece], bases: list[int]) -> Par
     at = np.concatenate([piece.targets.at + base if base >= 0 else np.full(count, -1) for piece, base, count
                          in zip(pieces, bases, counts, strict=True)])  # fmt: skip
     joined = Targets.joined([piece.targets for piece in pieces])._replace(at=at.astype(np.int64))
+    channels = [channel for piece in pieces for channel in piece.channels]
     return Part(
         group,
         fps,
-        [channel for piece in pieces for channel in piece.channels],
+        channels,
         np.concatenate([piece.slots for piece in pieces]),
         joined,
         np.concatenate([piece.wanted for piece in pieces]),
+        np.flatnonzero([channel.support for channel in channels]),
     )
 
 

@@ -74,6 +74,8 @@ class Channel:
         What the client asked its records to be; `switch` keeps it.
     events : bool
         Whether its keytimes are reported.
+    support : bool
+        Whether its records have the support by the examples.
     priority : float
         Weight where the session has a byte budget.
     flags : int
@@ -88,6 +90,7 @@ class Channel:
     layout: Layout
     form: Form
     events: bool = True
+    support: bool = False
     priority: float = 1.0
     flags: int = 0
 

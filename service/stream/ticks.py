@@ -21,7 +21,7 @@ from service.stream.connection import DirectConnection, LoopConnection
 from service.stream.kernels import NOT_SENT
 from service.stream.plan import Part, Plan
 from service.stream.session import LineTable, Session
-from service.wire import HEADER_WORDS, NEW_VERSION
+from service.wire import HEADER_WORDS, NEW_VERSION, U32, support_flags
 from verbs.conventions import I64
 
 __all__ = ["Prepared", "Ticks"]
@@ -143,6 +143,8 @@ class Ticks:
             )  # fmt: skip
             method = part.group.characters.method
             self._metrics.count_frames(part.group.entry, method, step.error, step.clamped, len(part.slots))
+            if len(part.supported):
+                _add_support(part, found.words)
             _collect_texts(part, step, prepared.texts)
             self._clear_flags(part)
         found.cost_s = max(time.perf_counter() - started_s, FALL * found.cost_s)
@@ -226,6 +228,13 @@ def _choose(found: Plan, budgeted: plan.Budgeted, step_s: float) -> None:
         part.targets.at[row : row + len(ranks)] = at[ranks]
     count = int(chosen.sum())
     found.set_message(budgeted.index, count, 4 * (HEADER_WORDS + int(sizes.sum())) if count else 0)
+
+
+def _add_support(part: Part, words: U32) -> None:
+    """Write the support of a part's characters into the flags of their records."""
+    rows = part.supported[part.targets.at[part.supported] >= 0]  # without those that a byte budget leaves out
+    flags = support_flags(part.group.characters.support(part.slots[rows]))
+    words[part.targets.at[rows]] |= flags.astype(np.uint32) << 24
 
 
 def _collect_texts(part: Part, step: Step, texts: dict[Session, list[dict[str, Any]]]) -> None:

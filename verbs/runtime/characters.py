@@ -264,6 +264,12 @@ class Characters(CharacterSteps):
         """Weights and measured adverbs of a character, at its displayed adverbs."""
         return self._blend_points(self.crowd.shown[slot][None])
 
+    def support(self, slots: I64) -> F64:
+        """How well the examples support the displayed blends of characters (B,): (B,), 0 to 1."""
+        adverbs = np.ascontiguousarray(self.verb.domain.chart.adverbs(self.crowd.shown[slots]))
+        weights = self.crowd.weights[slots, self.state["weights"][slots]]
+        return self.evaluator.support_at(adverbs, weights)
+
     def _start_phase(self, other: Characters, slot: int, adverbs: Mapping[str, float] | F64 | None) -> float:
         """Phase at which a character that continues from another starts."""
         found = transition.corresponding_phase(other.verb, other.phase(slot), self.verb)

@@ -260,9 +260,13 @@ class Evaluator:
         """
         if blend.adverbs is None:
             raise RequestError("this blend was made without adverbs, and support is taken at them")
+        return self.support_at(blend.adverbs, blend.weights)
+
+    def support_at(self, adverbs: F64, weights: F64) -> F64:
+        """Support (B,) of weights (B, N) at goals (B, D); both C-contiguous."""
         if self._support is None:
             self._support = Support.of_verb(self.verb)
-        return self._support.of(blend.adverbs, blend.weights)
+        return self._support.of(adverbs, weights)
 
     def clamp(self, adverbs: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
         """Adverbs (B, D) moved back to the domain's surroundings, and where that moved them (B,)."""

@@ -50,6 +50,8 @@ class PoseOptions(TypedDict, total=False):
         Whether to return the examples' weights; implies ``full``.
     plant : bool
         Whether standing feet are held where they landed; true where omitted.
+    support : bool
+        Whether to return the support by the examples, in steps of 1/14; full responses always have it, exactly.
     full : bool
         Whether to request JSON, which has more than a binary record: method, measured, positions, weights, events.
     """
@@ -60,6 +62,7 @@ class PoseOptions(TypedDict, total=False):
     version: int
     weights: bool
     plant: bool
+    support: bool
     full: bool
 
 
@@ -298,8 +301,9 @@ def _body(options: PoseOptions) -> tuple[dict[str, Any], bool]:
         body["joints"] = list(body["joints"])
     if not body.get("weights"):
         body.pop("weights", None)
-    if "plant" in body:
-        body["plant"] = bool(body["plant"])
+    for name in ("plant", "support"):
+        if name in body:
+            body[name] = bool(body[name])
     return body, full or "weights" in body
 
 

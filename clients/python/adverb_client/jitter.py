@@ -78,6 +78,8 @@ class Sample:
         Time past the last received frame; 0 between frames.
     held : bool
         Whether that time is longer than the extrapolation, so that the motion is held.
+    support : float or None
+        How well the examples support the pose, 0 to 1; None unless the channel requests it.
     """
 
     server_time_s: float
@@ -95,6 +97,7 @@ class Sample:
     delay_s: float
     extrapolated_s: float
     held: bool
+    support: float | None = None
 
 
 class JitterBuffer:
@@ -262,6 +265,7 @@ class JitterBuffer:
             delay_s,
             extrapolated_s,
             extrapolated_s > self._delays.extrapolate_s,
+            near.support,
         )
 
     def _phase(self, a: Record, b: Record, share: float) -> tuple[float, float]:

@@ -126,7 +126,7 @@ class Pose:
         In full responses only, else None: the method; the measured adverbs; in global space the joints' positions
         (J, 3), metres; of a locomotion root sideways and forward velocity, m/s, and yaw rate, rad/s, (3,); the
         examples' weights (E,); whether the error is within ``max_error``; the methods that were tried; how well
-        the examples support the answer, 0 to 1.
+        the examples support the answer, 0 to 1 (of binary records where ``support`` is requested).
     """
 
     verb: str

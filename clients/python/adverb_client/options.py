@@ -30,7 +30,7 @@ _BOUNDS = {
 """Bounds of docs/wire.md."""
 
 _CHOICES = {"encoding": get_args(Encoding), "space": get_args(Space), "frame": get_args(Frame)}
-_FLAGS = ("play", "loop", "follow", "plant", "events")
+_FLAGS = ("play", "loop", "follow", "plant", "events", "support")
 
 
 class OpenOptions(TypedDict, total=False):
@@ -68,6 +68,8 @@ class OpenOptions(TypedDict, total=False):
         Whether standing feet stay where they landed.
     events : bool
         Whether keytimes are reported.
+    support : bool
+        Whether records have the support by the examples.
     priority : float
         Weight of the channel where the stream has a byte budget, above 0, up to 1000; see ``Stream.view``.
     """
@@ -87,6 +89,7 @@ class OpenOptions(TypedDict, total=False):
     follow: bool
     plant: bool
     events: bool
+    support: bool
     priority: float
 
 

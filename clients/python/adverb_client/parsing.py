@@ -22,7 +22,7 @@ from adverb_client.models import (
     Verb,
     VerbSummary,
 )
-from adverb_client.records import CLAMPED, LAST
+from adverb_client.records import CLAMPED, LAST, supports_of
 from adverb_client.skeleton import Skeleton
 
 __all__ = [
@@ -201,6 +201,7 @@ def poses_of_records(verb: str, rows: Records) -> Poses:
         rows["rotations"],
         rows["error"],
         (rows["flags"] & CLAMPED).astype(bool),
+        support=supports_of(rows["flags"]),
     )
 
 
@@ -229,6 +230,7 @@ def sequence_of_records(verb: str, rows: Records, *, fps: float, cycles: int | N
         rows["rotations"],
         rows["error"].astype(np.float64),
         bool((rows["flags"] & CLAMPED).any()),
+        support=supports_of(rows["flags"]),
     )
 
 

@@ -28,6 +28,8 @@ __all__ = [
     "joint_count",
     "parse_records",
     "record_dtype",
+    "support_of",
+    "supports_of",
 ]
 
 HEADER = np.dtype(
@@ -46,6 +48,9 @@ HEADER = np.dtype(
 
 CLAMPED, IN_TRANSITION, NEW_VERSION, LAST = 1, 2, 4, 8
 """Bits of ``flags``; unknown bits are ignored."""
+
+SUPPORT_SHIFT, SUPPORT_STEPS = 4, 14
+"""The upper half of ``flags``: 0, or 1 + support in steps of 1/14."""
 
 ERROR = 2
 """Place of the error in ``floats`` of a record, the only number that may be NaN."""
@@ -176,3 +181,15 @@ def _completed(stored_steps: npt.NDArray[Any], omitted: npt.NDArray[Any], steps:
     order = _ORDER[omitted].reshape(-1, 4) + 4 * np.arange(omitted.size)[:, None]
     found: npt.NDArray[np.float32] = parts.reshape(-1)[order].reshape(parts.shape).astype(np.float32)
     return found
+
+
+def supports_of(flags: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64] | None:
+    """Support (R,) in the flags of records, 0 to 1; None where they have none."""
+    levels = flags >> SUPPORT_SHIFT
+    return None if not levels.all() else (levels - 1.0) / SUPPORT_STEPS
+
+
+def support_of(flags: int) -> float | None:
+    """Support in the flags of a record, 0 to 1; None where they have none."""
+    level = flags >> SUPPORT_SHIFT
+    return (level - 1) / SUPPORT_STEPS if level else None

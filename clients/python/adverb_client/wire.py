@@ -11,7 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from adverb_client.errors import DecodeError
-from adverb_client.records import ENCODINGS, ERROR, HEADER, Q32, Q48, WEIGHTS, decode_q32, decode_q48, record_dtype
+from adverb_client.records import (
+    ENCODINGS,
+    ERROR,
+    HEADER,
+    Q32,
+    Q48,
+    WEIGHTS,
+    decode_q32,
+    decode_q48,
+    record_dtype,
+    support_of,
+)
 
 __all__ = [
     "ADVERBS",
@@ -113,6 +124,11 @@ class Record:
     root: F32 | None
     rotations: F32 | None
     weights: F32 | None
+
+    @property
+    def support(self) -> float | None:
+        """How well the examples support the pose, 0 to 1, in steps of 1/14; None unless the channel requests it."""
+        return support_of(self.flags)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

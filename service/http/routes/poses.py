@@ -38,18 +38,18 @@ async def pose(request: Request, verb: VerbName) -> Response:
     """Evaluate one pose at adverbs and a phase or time, with its error and its support by the examples.
 
     With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
-    `weights`, `measured`, `support` and `met` have no place there.
+    `weights`, `measured` and `met` have no place there; `support` has, where it is requested.
     """
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
     content = await read_model(request, PoseRequest)
     if content.version is not None:
         entry = await state.version(entry, content.version)
-    found = await evaluation.pose(state, entry, content, support=form == JSON)
+    found = await evaluation.pose(state, entry, content, support=form == JSON or content.support)
     state.record_usage(entry, content.adverbs, found.poses.blend)
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
-        return Whole(wire.encode_one(found.poses, found.rotations, entry.version), OCTETS)
+        return Whole(wire.encode_one(found.poses, found.rotations, entry.version, support=found.support), OCTETS)
     return Whole(response_json.single_json(entry, found, weights=content.weights, max_error=content.max_error), JSON)
 
 
@@ -69,6 +69,7 @@ async def poses(
     joints: Annotated[list[Name] | None, Query(max_length=1_000, description="Joints, of a binary body.")] = None,
     version: Annotated[int | None, Query(ge=1, description="Version, of a binary body.")] = None,
     plant: Annotated[bool | None, Query(description="Whether feet are planted, of a binary body.")] = None,
+    support: Annotated[bool | None, Query(description="Whether records have the support, of a binary body.")] = None,
 ) -> Response:
     """Evaluate a pose for each character of a crowd.
 
@@ -78,14 +79,14 @@ async def poses(
     """
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
-    query = {"method": method, "space": space, "joints": joints, "version": version, "plant": plant}
+    query = {"method": method, "space": space, "joints": joints, "version": version, "plant": plant, "support": support}
     if media_type(request, JSON, OCTETS) == OCTETS:
         entry = await state.version(entry, version)
         batch = evaluation.binary_batch(state, entry, await read(request), query)
     else:
         batch = evaluation.json_batch(state, await read_model(request, BatchRequest), query)
         entry = await state.version(entry, batch.options.version)
-    found = await evaluation.poses(state, entry, batch, support=form == JSON)
+    found = await evaluation.poses(state, entry, batch, support=form == JSON or batch.options.support)
     state.record_usage(entry, batch.adverbs, found.poses.blend, rows=len(batch.at))
     trace_of(request).method = found.poses.blend.method
     if form == OCTETS:
@@ -114,7 +115,7 @@ async def sequence(request: Request, verb: VerbName) -> Response:
     entry = await state.version(entry, content.version)
     if form == BVH and (content.joints is not None or content.space != "local"):
         raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
-    motion = await evaluation.sequence(state, entry, content, support=form == JSON)
+    motion = await evaluation.sequence(state, entry, content, support=form == JSON or content.support)
     track = [point.adverbs for point in content.track or ()]
     state.record_usage(entry, content.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
     trace_of(request).method = motion.frames.poses.blend.method

@@ -86,6 +86,16 @@ async def test_batches_by_rows_columns_and_times(client):
     assert len(list(await client.poses("arm3", {"x": 0.4, "y": [0.1, 0.2]}, times_s=0.1))) == 2
 
 
+async def test_support_of_records_is_that_of_a_full_response_in_steps(client):
+    rows = np.array([[0.4, 0.1], [0.6, -0.2], [0.9, 0.5]])
+    full = await client.poses("arm3", rows, phases=0.5, full=True)
+    short = await client.poses("arm3", rows, phases=0.5, support=True)
+    np.testing.assert_allclose(short.support, full.support, atol=0.5 / 14 + 1e-9)
+    assert (await client.poses("arm3", rows, phases=0.5)).support is None
+    motion = await client.sequence("arm3", AT, support=True)
+    assert motion.support.shape == (len(motion.root),)
+
+
 async def test_motions_at_constant_adverbs_and_along_a_track(client):
     short = await client.sequence("arm3", AT, fps=60)
     full = await client.sequence("arm3", AT, fps=60, full=True)

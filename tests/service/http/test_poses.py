@@ -48,6 +48,17 @@ async def test_support_is_whole_at_an_example_and_falls_outside(client, catalog)
     assert found[0] > found[1] > found[2] > 0.0
 
 
+async def test_records_have_the_support_in_their_flags_where_it_is_requested(client):
+    for x in (0.5, 0.7, 50.0):  # inside, and clamped
+        content = {"adverbs": {"x": x, "y": 0.1}, "phase": 0.5}
+        whole = (await ask(client, **content)).json()
+        (plain,) = records_of((await ask(client, headers=OCTETS, **content)).content, 4)
+        (record,) = records_of((await ask(client, headers=OCTETS, support=True, **content)).content, 4)
+        assert plain["flags"] == wire.CLAMPED * whole["clamped"]
+        assert record["flags"] & 15 == plain["flags"]
+        assert ((record["flags"] >> 4) - 1) / 14 == pytest.approx(whole["support"], abs=0.5 / 14 + 1e-9)
+
+
 async def test_phase_and_time_ask_for_the_same_pose(client):
     by_phase = (await ask(client, adverbs=ARM, phase=0.3)).json()
     by_time = (await ask(client, adverbs=ARM, time=by_phase["time"])).json()

@@ -56,6 +56,19 @@ async def test_only_our_subprotocol_is_echoed(server):
         assert socket.subprotocol == "adverb.v1"
 
 
+async def test_records_have_the_support_of_their_channel_where_it_is_requested(server):
+    async with open_stream(server) as client:
+        await client.open(1, "reach", adverbs=REACH, play=False, follow=False, support=True)
+        await client.open(2, "reach", adverbs=NEAR, play=False, follow=False)
+        (frame,) = await client.poses(1)
+        expected = (await ask(server, "reach", adverbs=REACH))["support"]
+        assert ((frame.of(1).flags >> 4) - 1) / 14 == pytest.approx(expected, abs=0.5 / 14 + 1e-9)
+        assert frame.of(2).flags >> 4 == 0
+        await client.socket.send(json.dumps({"op": "switch", "channel": 1, "verb": "punch"}))
+        frames = await client.poses(40)
+        assert frames[-1].of(1).flags >> 4 > 0
+
+
 async def test_a_held_channel_shows_the_pose_that_rest_gives(server):
     async with open_stream(server) as client:
         opened = await client.open(7, "reach", adverbs=REACH, phase=0.3, play=False, follow=False)

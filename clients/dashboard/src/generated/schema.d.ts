@@ -197,7 +197,7 @@ export interface paths {
          * @description Evaluate one pose at adverbs and a phase or time, with its error and its support by the examples.
          *
          *     With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
-         *     `weights`, `measured`, `support` and `met` have no place there.
+         *     `weights`, `measured` and `met` have no place there; `support` has, where it is requested.
          */
         post: operations["pose"];
         delete?: never;
@@ -488,6 +488,12 @@ export interface components {
              */
             space: "local" | "global";
             /**
+             * Support
+             * @description Whether binary records have the support in their flags. JSON always has it.
+             * @default false
+             */
+            support: boolean;
+            /**
              * Version
              * @description The version to evaluate. Default: the current one.
              * @default null
@@ -726,6 +732,12 @@ export interface components {
              * @default 1
              */
             speed: number;
+            /**
+             * Support
+             * @description Whether records have the support by the examples in their flags.
+             * @default false
+             */
+            support: boolean;
             /** Verb */
             verb: string;
         };
@@ -954,6 +966,12 @@ export interface components {
              * @enum {string}
              */
             space: "local" | "global";
+            /**
+             * Support
+             * @description Whether binary records have the support in their flags. JSON always has it.
+             * @default false
+             */
+            support: boolean;
             /**
              * Time
              * @description Seconds from the start, instead of a phase; a time past the end is the end.
@@ -1365,6 +1383,12 @@ export interface components {
              * @enum {string}
              */
             space: "local" | "global";
+            /**
+             * Support
+             * @description Whether binary records have the support in their flags. JSON always has it.
+             * @default false
+             */
+            support: boolean;
             /**
              * Track
              * @description Adverbs over time instead of constant ones: linear between points of rising time, constant before and after them.
@@ -2818,6 +2842,8 @@ export interface operations {
                 version?: number | null;
                 /** @description Whether feet are planted, of a binary body. */
                 plant?: boolean | null;
+                /** @description Whether records have the support, of a binary body. */
+                support?: boolean | null;
             };
             header?: never;
             path: {

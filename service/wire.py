@@ -166,9 +166,7 @@ def encode(
     return rows
 
 
-def encode_one(
-    poses: Poses, rotations: npt.NDArray[np.float32], version: int, *, support: F64 | None = None
-) -> bytes:
+def encode_one(poses: Poses, rotations: npt.NDArray[np.float32], version: int, *, support: F64 | None = None) -> bytes:
     """Record of the only pose of a batch, on channel 0: the bytes of :func:`encode` in a third of the time."""
     blend = poses.blend
     flags = CLAMPED if blend.clamped[0] else 0

@@ -83,9 +83,9 @@ class Open(_ClientMessage):
     follow: bool = True
     plant: Annotated[bool, Field(description="Whether standing feet stay where they landed.")] = True
     events: Annotated[bool, Field(description="Whether keytimes of the channel are reported.")] = True
-    support: Annotated[
-        bool, Field(description="Whether records have the support by the examples in their flags.")
-    ] = False
+    support: Annotated[bool, Field(description="Whether records have the support by the examples in their flags.")] = (
+        False
+    )
     priority: Priority = 1.0
 
 

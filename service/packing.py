@@ -36,7 +36,8 @@ from verbs.kernels.character_state import PROGRESS, Records
 from verbs.kernels.compile import direct, kernel
 from verbs.kernels.crowd_pose import TILE, Curves, finish_single, share, sort_by_interval, sums
 from verbs.kernels.inertialization import place_row
-from verbs.kernels.legs import SCRATCH, Legs, plant
+from verbs.kernels.legs import Legs, plant
+from verbs.kernels.one_leg import SCRATCH
 from verbs.kernels.pose import forward, global_rotations
 from verbs.runtime.characters import Characters, Frames, Step
 from verbs.runtime.evaluate import Blend, Evaluator

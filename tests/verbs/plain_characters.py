@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tests.verbs.crowds import NO_LEGS
 from verbs import Characters
 from verbs.kernels import character_state, following, inertialization, pose, quat, timewarp
 from verbs.kernels import measure as measures
@@ -242,7 +243,7 @@ class Plain:
     def _begin(self, ahead: np.ndarray, transition_s: float) -> None:
         self.since_s, self.transition_s = 0.0, transition_s
         if transition_s > 0:
-            inertialization.begin(self.step_s, self.frames, ahead, self.offsets)
+            inertialization.begin(self.step_s, self.frames, ahead, NO_LEGS, self.offsets)
         else:
             self.frames = np.array([ahead[0], ahead[0]])
 

@@ -107,7 +107,7 @@ class Crowd(NamedTuple):
     measured, error, clamped : (C, m), (C,), (C,) float64
         Of the current weights.
     feet : (C, F) of :data:`verbs.kernels.foot_state.FOOT`
-    commands : (C, 2, F, 22) float64
+    commands : (C, 2, F, 23) float64
         Where the feet are put in the last frame and in the one before, see :data:`verbs.kernels.legs.COMMAND`.
     """
 

@@ -28,7 +28,7 @@ from verbs.kernels.foot_state import (
     store_place,
     to_world,
 )
-from verbs.kernels.legs import CONTACTS, GROUNDS, PELVIS
+from verbs.kernels.legs import CONTACTS, GIVE, GROUNDS, PELVIS, REACH_M
 from verbs.kernels.stances import (
     LONG_S,
     PLACE,
@@ -72,12 +72,16 @@ class Step(NamedTuple):
     before: float
 
 
-STEP_S, LANDING_S = 0.36, 0.2
-"""Time of a step, and in which a foot whose stance begins at once takes its place."""
+STEP_S, STEP_SHARE, LANDING_S = 0.36, 0.5, 0.2
+"""Time of a step, or its share of a longer transition; time in which a foot whose stance begins at once takes its
+place."""
 
 STEP_M, STEP_RAD, LEAP_M, STRIDE_M = 0.03, 0.2, 1.0, 0.2
 """A standing foot makes a step from the first distance and angle on; from the third one, and from the last one where
 the root strides on, even while another foot does."""
+
+CARRIED_M = 0.35
+"""A foot that stands farther from its place in the next motion does not step: the transition takes it there."""
 
 LANDED_M = 0.12
 """Distance from its place within which an approaching foot has landed."""
@@ -98,6 +102,10 @@ STAY_M, STAY_RAD = 0.01, 0.1
 """A foot whose next place is within these distances of the one before stays on its way: one that a blend with a gait
 lifts by a little, or not at all, does not creep between places that hardly differ."""
 
+GIVE_M, GIVES_S, GIVEN_S = 0.03, 0.1, 0.4
+"""How much sooner than else a leg gives way in a transition or a step, so that its knee stops in more time; the times
+in which that begins and ends."""
+
 LATER = 0.6
 """Share of a transition after which it takes over places and heights of a foot that did not stand."""
 
@@ -116,7 +124,7 @@ def _appear(foot: Any, row: Any, plants: Plants, weights: F64, f: int, rate: flo
     """Set the state of a foot from the plan."""
     count = plants.contact.shape[1] - 1
     x = row["phase"] * count
-    foot["near"], foot["fade"], foot["frames"], foot["since_s"] = 0.0, 1.0, 0, LONG_S
+    foot["near"], foot["fade"], foot["frames"], foot["since_s"], foot["give"] = 0.0, 1.0, 0, LONG_S, 2.0
     foot["mode"] = STANCE if contact_at(plants, f, weights, x) >= 0.5 else SWING
     if foot["mode"] == STANCE:
         stance(plants, weights, f, x, place)
@@ -157,7 +165,7 @@ def _ends_within(plants: Plants, f: int, weights: F64, x: float, step: Step, sec
 @kernel
 def _compare(feet: Any, f: int, row: Any, plants: Plants, weights: F64, x: float, step: Step, place: F64) -> None:
     """Begin a step where a standing foot is too far from the place that its motion has for it."""
-    foot = feet[f]
+    foot, begins = feet[f], feet[f]["frames"] > CHECKED
     foot["frames"] = 0
     stance(plants, weights, f, x, place)
     to_world(row, place)
@@ -166,15 +174,19 @@ def _compare(feet: Any, f: int, row: Any, plants: Plants, weights: F64, x: float
     turned = abs(np.arctan2(sine, cosine))
     if away < STEP_M and turned < STEP_RAD:
         return
+    if begins and away > CARRIED_M:
+        foot["mode"], foot["since_s"], foot["near"], foot["fade"] = SWING, LONG_S, 0.0, -LATER
+        return
     leap = STRIDE_M if plants.strides.shape[0] > 0 else LEAP_M
     for other in range(feet.shape[0]):
         if other != f and feet[other]["mode"] != STANCE and away < leap:
             return
-    if _ends_within(plants, f, weights, x, step, STEP_S):
+    length_s = max(STEP_S, STEP_SHARE * row["transition_s"])
+    if _ends_within(plants, f, weights, x, step, length_s):
         foot["mode"], foot["since_s"], foot["near"] = LEAVE, 0.0, 0.0  # its stance ends before a step would
         return
     store_next(foot, place)
-    _begin_step(foot, 1.0, STEP_S, min(MOST_RISE_M, STEP_M + STEP_RISE * (away + 0.1 * turned)))
+    _begin_step(foot, 1.0, length_s, min(MOST_RISE_M, STEP_M + STEP_RISE * (away + 0.1 * turned)))
 
 
 @kernel
@@ -286,6 +298,22 @@ def _stepping(foot: Any, step_s: float, place: F64, found: F64) -> tuple[float, 
 
 
 @kernel
+def _giving(foot: Any, steps: bool, passes: bool, step_s: float) -> float:
+    """Distance from its reach at which a leg begins to give way: none where a transition begins, then more.
+
+    ``give`` goes from 0 at the begin of a transition to 1, stays there while that passes or the character makes a step,
+    and then to 2.
+    """
+    at = foot["give"]
+    if at < 1.0:
+        foot["give"] = min(at + step_s / GIVES_S, 1.0)
+        return (REACH_M + GIVE_M) * smooth(foot["give"])
+    more = steps or (passes and at == 1.0)
+    foot["give"] = max(at - step_s / GIVES_S, 1.0) if more else min(at + step_s / GIVEN_S, 2.0)
+    return REACH_M + GIVE_M * (1.0 - smooth(foot["give"] - 1.0))
+
+
+@kernel
 def hold(slots: I64, chosen: I64, step_s: float, crowd: Crowd, clock: Clock, plants: Plants, progress: Records) -> None:
     """Hold the feet of the characters ``slots[chosen]``, which have advanced by one step, and write their commands.
 
@@ -322,13 +350,16 @@ def hold(slots: I64, chosen: I64, step_s: float, crowd: Crowd, clock: Clock, pla
 def hold_feet(
     row: Any, feet: Records, weights: F64, step: Step, plants: Plants, commands: F64, place: F64, found: F64
 ) -> None:
-    """Hold the feet (F,) of one character; ``commands`` (2, F, 22) are those of this frame and of the one before.
+    """Hold the feet (F,) of one character; ``commands`` (2, F, 23) are those of this frame and of the one before.
 
     ``place`` (8,) and ``found`` (4, 8) are scratch.
     """
     x = row["phase"] * (plants.contact.shape[1] - 1)
     if step.moved_s > LONGEST_S:  # stances were left out
         row["footed"] = 0.0
+    steps = False
+    for f in range(feet.shape[0]):
+        steps = steps or feet[f]["mode"] == STEP
     for f in range(feet.shape[0]):
         foot, rise, held = feet[f], 0.0, 1.0
         if row["footed"] == 0.0:
@@ -346,6 +377,7 @@ def hold_feet(
         commands[1, f] = commands[0, f]
         fade = smooth(foot["fade"])
         command(plants, weights, f, x, held, fade, row["y"] + rise, place, commands[0, f])
+        commands[0, f, GIVE] = _giving(foot, steps, row["transition_s"] > 0.0, step.step_s)
         if fade < 1.0:
             commands[0, f, GROUNDS[0]] -= (1.0 - fade) * foot["sunk_heel"]
             commands[0, f, GROUNDS[1]] -= (1.0 - fade) * foot["sunk_ball"]
@@ -372,7 +404,7 @@ def _change(
 ) -> float:
     """Change the mode of a foot where a stance begins or ends, or it has to step; return where its swing comes from.
 
-    ``last`` (22,) is its command of the frame before.
+    ``last`` (23,) is its command of the frame before.
     """
     foot, origin = feet[f], step.before
     if contact_at(plants, f, weights, x) < 0.5:
@@ -424,7 +456,7 @@ def hold_track(
     state : (1,) of :data:`verbs.kernels.character_state.CHARACTER`
     feet : (F,) of :data:`FOOT`
         Scratch, like ``state``; both zero.
-    commands : (B, F, 22) float64
+    commands : (B, F, 23) float64
         Written, in the world.
     """
     count = plants.contact.shape[1] - 1
@@ -444,6 +476,9 @@ def hold_track(
 def _depart(foot: Any, plants: Plants, weights: F64, f: int, x: float, step: Step, found: F64) -> float:
     """End the stance of a foot; return the sample position at which it ended."""
     count = plants.contact.shape[1] - 1
+    if foot["frames"] >= CHECKED:  # a transition begins: its offset takes the foot from its place to its motion
+        foot["mode"], foot["since_s"], foot["near"] = SWING, LONG_S, 0.0
+        return step.before
     foot["mode"], foot["since_s"], foot["near"] = SWING, 0.0, 0.0
     ended = crossing(plants, f, weights, x, -step.way, abs(x - step.before) + 1.0)
     if np.isnan(ended) or (ended - step.before) * step.way < 0.0:  # its weights changed, or its verb
@@ -477,7 +512,8 @@ def _arrive(
     if foot["fade"] < 0.0:  # the transition brings it there
         foot["since_s"], foot["length_s"] = foot["fade"] * row["transition_s"], max(row["transition_s"], LANDING_S)
     if _ends_within(plants, f, weights, x, step, foot["length_s"] - foot["since_s"]):
-        foot["mode"], foot["since_s"], foot["near"] = LEAVE, 0.0 if held > 0.0 else LONG_S, 0.0
+        store_next(foot, last[1 : 1 + PLACE])  # it lets go of the place where it is displayed
+        foot["mode"], foot["since_s"], foot["near"] = LEAVE, LONG_S, held
 
 
 @kernel
@@ -497,7 +533,7 @@ def release(feet: Records, points: F64, levels: F64, flat: F64) -> None:
     place = np.empty(PLACE)
     for f in range(feet.shape[0]):
         foot = feet[f]
-        foot["fade"] = 0.0
+        foot["fade"], foot["give"] = 0.0, 0.0
         foot["sunk_heel"] = max(0.0, levels[f, 0] - points[f, 0, 1])
         foot["sunk_ball"] = max(0.0, levels[f, 1] - points[f, 1, 1])
         foot["sunk_tip"] = max(0.0, levels[f, 2] - points[f, 2, 1])

@@ -45,6 +45,7 @@ FOOT = np.dtype(
         ),  # below its ground when its motion began, metres
         ("length_s", "f8"),  # of its step
         ("rise", "f8"),  # height of its step, metres
+        ("give", "f8"),  # how its leg gives way, 0 to 2
         ("frames", "i8"),  # since it was last compared with its motion
         *((f"{when}{axis}", "f8") for when in ("", "next_") for axis in _AXES),
     ]

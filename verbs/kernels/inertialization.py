@@ -15,7 +15,9 @@ from verbs.conventions import F32, F64, I64
 from verbs.kernels.character_state import Crowd, Records, displayed
 from verbs.kernels.compile import kernel
 from verbs.kernels.crowd_pose import Curves, blend_sorted, finish_double, share, sums
-from verbs.kernels.legs import SCRATCH, Legs, plant
+from verbs.kernels.leg_transition import carry, lines
+from verbs.kernels.legs import Legs, plant
+from verbs.kernels.one_leg import SCRATCH
 from verbs.kernels.pose import multiply
 
 __all__ = ["apply", "begin", "place", "place_row", "poses", "redisplay", "restart", "step_back"]
@@ -71,7 +73,7 @@ def step_back(frames: F64) -> None:
 
 
 @kernel
-def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
+def begin(step_s: float, last: F64, ahead: F64, legs: Legs, offsets: F64) -> None:
     """Start a transition: offsets, and their velocities, between the displayed pose and the motion that follows.
 
     Parameters
@@ -82,8 +84,10 @@ def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
         The last two displayed frames, the latest one last. Root position, then rotations.
     ahead : (2, 3 + 4·J) float64
         The first two frames of the motion that follows.
-    offsets : (2, 3 + 3·J) float64
-        Written: offsets (m, rotation vectors) at its start, and their velocities.
+    legs : Legs
+    offsets : (2, 3 + 3·J + 5·F) float64
+        Written: offsets at its start, and their velocities. Of the root (m), of rotations (rotation vectors), and of
+        the legs: line from hip to ankle (m) and bend (radians), with the displayed bend.
     """
     joints = (last.shape[1] - 3) // 4
     before, early = np.empty(4), np.empty(3)
@@ -100,27 +104,46 @@ def begin(step_s: float, last: F64, ahead: F64, offsets: F64) -> None:
         _unwrap(early, offsets[0, to : to + 3])
         for a in range(3):
             offsets[1, to + a] = (offsets[0, to + a] - early[a]) / step_s
+    _begin_legs(step_s, last, ahead, legs, offsets[:, 3 + 3 * joints :])
 
 
 @kernel
-def restart(slots: I64, state: Records, frames: F64, offsets: F64, ahead: F64, transition_s: float) -> None:
+def _begin_legs(step_s: float, last: F64, ahead: F64, legs: Legs, offsets: F64) -> None:
+    """Offsets (2, 5·F) of the legs at the start of a transition, and their velocities; see :func:`begin`."""
+    feet, joints = legs.chains.shape[0], (last.shape[1] - 3) // 4
+    pose, here, there = np.empty((feet, SCRATCH)), np.empty((2, feet, 4)), np.empty((2, feet, 4))
+    back = ahead.copy()
+    step_back(back)  # one frame before its start, the motion is taken to have moved as in its first frame
+    for k in range(2):
+        lines(last[k, :3], last[k, 3:].reshape(joints, 4), legs, pose, here[k])
+        lines(back[k, :3], back[k, 3:].reshape(joints, 4), legs, pose, there[k])
+    for f in range(feet):
+        for a in range(4):
+            offsets[0, 5 * f + a] = here[1, f, a] - there[1, f, a]
+            offsets[1, 5 * f + a] = (offsets[0, 5 * f + a] - here[0, f, a] + there[0, f, a]) / step_s
+        offsets[0, 5 * f + 4], offsets[1, 5 * f + 4] = here[1, f, 3], 0.0
+
+
+@kernel
+def restart(slots: I64, state: Records, frames: F64, offsets: F64, ahead: F64, legs: Legs, transition_s: float) -> None:
     """Start the transitions of motions that start over, from their stored frames.
 
     Parameters
     ----------
     slots : (B,) int64
     state : (C,) of :data:`verbs.kernels.character_state.CHARACTER`
-    frames, offsets : (S, 2, 3 + 4·J), (S, 2, 3 + 3·J) float64
+    frames, offsets : (S, 2, 3 + 4·J), (S, 2, 3 + 3·J + 5·F) float64
         Stored frames; the offsets are written.
     ahead : (B, 2, 3 + 4·J) float64
         The first two frames of each motion; overwritten.
+    legs : Legs
     transition_s : float
     """
     for b in range(slots.shape[0]):
         row = state[slots[b]]
         row["since_s"], row["transition_s"], row["calm"] = 0.0, transition_s, 0
         step_back(ahead[b])  # the motion is already less than a step further
-        begin(row["step_s"], frames[row["held"]], ahead[b], offsets[row["held"]])
+        begin(row["step_s"], frames[row["held"]], ahead[b], legs, offsets[row["held"]])
 
 
 @kernel
@@ -179,7 +202,7 @@ def apply(
     slots : (B,) int64
     step_s : float
     crowd : Crowd
-    offsets : (S, 2, 3 + 3·J) float64
+    offsets : (S, 2, 3 + 3·J + 5·F) float64
         See :func:`begin`; in the row that ``state`` names as ``held``.
     frames : (S, 2, 3 + 4·J) float64
         The last two frames of each character, in the same row; moved on by one. Where a character appears, both are
@@ -191,15 +214,21 @@ def apply(
     """
     joints, state = rotations.shape[1], crowd.state
     rotation, local, scratch = np.zeros(4), np.empty(4), np.empty((legs.chains.shape[0], SCRATCH))
+    to, away = np.empty((legs.chains.shape[0], 4)), np.empty((legs.chains.shape[0], 5))
     for b in range(slots.shape[0]):
         row = state[slots[b]]
         s = row["held"]
         row["calm"] = row["calm"] + 1 if row["share"] == 0.0 else 0
         place((row["x"], row["y"], row["z"]), row["heading"], striding, root[b], rotations[b, 0], (rotation, local))
         if row["transition_s"] > 0.0:
+            if row["footed"] > 0.0:
+                lines(root[b], rotations[b], legs, scratch, to)
             _decay(step_s, row, offsets[s], rotation, local, root[b], rotations[b])
             if row["transition_s"] > 0.0:
                 row["calm"] = 0
+                if row["footed"] > 0.0:
+                    _decay_legs(row, offsets[s], joints, away)
+                    carry(root[b], rotations[b], legs, to, away, row["since_s"] / row["transition_s"], scratch)
         if row["footed"] > 0.0:
             plant(root[b], rotations[b], crowd.commands[slots[b], 0], legs, scratch)
         frames[s, 0] = frames[s, 1]
@@ -314,3 +343,15 @@ def _decay(step_s: float, row: Any, offset: F64, rotation: F64, local: F64, root
         rotation[3] = np.cos(0.5 * angle)
         local[:] = rotations[j]
         multiply(rotation, local, rotations[j])
+
+
+@kernel
+def _decay_legs(row: Any, offset: F64, joints: int, away: F64) -> None:
+    """Offsets (F, 5) of the legs of one character in a transition, with the bends where it began."""
+    keep, passed = _factors(row["since_s"] / row["transition_s"])
+    passed *= row["transition_s"]
+    for f in range(away.shape[0]):
+        at = 3 + 3 * joints + 5 * f
+        for a in range(4):
+            away[f, a] = keep * offset[0, at + a] + passed * offset[1, at + a]
+        away[f, 4] = offset[0, at + 4]

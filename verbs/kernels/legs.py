@@ -16,23 +16,47 @@ import numpy as np
 
 from verbs.conventions import F64, I64
 from verbs.kernels.compile import kernel
-from verbs.kernels.vectors import about, arc, inverse, mul, rotate
+from verbs.kernels.one_leg import (
+    SCRATCH,
+    STRAIGHT,
+    STRAIGHTEST,
+    bend_leg,
+    clip,
+    find_leg,
+    get,
+    lengths,
+    put,
+    smooth,
+    triple,
+)
+from verbs.kernels.vectors import about, inverse, mul, rotate
 
-__all__ = ["COMMAND", "CONTACTS", "GROUNDS", "PELVIS", "SCRATCH", "Legs", "plant", "plant_poses"]
+__all__ = [
+    "COMMAND",
+    "CONTACTS",
+    "GIVE",
+    "GROUNDS",
+    "PELVIS",
+    "REACH_M",
+    "Legs",
+    "plant",
+    "plant_poses",
+]
 
 COMMAND = (
     "hold", "heel_x", "heel_z", "ball_x", "ball_z", "tip_x", "tip_z", "dx", "dz", "heel", "ball", "tip", "heel_y",
     "ball_y", "tip_y", "heel_ground", "ball_ground", "tip_ground", "heel_pull", "ball_pull", "tip_pull", "pelvis",
+    "give",
 )  # fmt: skip
 """Columns of a command: share that is held in plan; places of the three points, and direction (unit) of the foot; their
 contacts, their heights by these contacts, and their least heights; their shares in the place of the foot; share of the
-pelvis."""
+pelvis; distance around the reach of the leg within which the pelvis begins to sink, metres."""
 
-PELVIS = len(COMMAND) - 1
+PELVIS, GIVE = COMMAND.index("pelvis"), COMMAND.index("give")
 CONTACTS, GROUNDS = (9, 10, 11), (15, 16, 17)
 
-SOFT_M = 0.004
-"""Distance around the ground, and around the reach of a leg, within which limits begin to act."""
+SOFT_M, REACH_M = 0.012, 0.004
+"""Distances around the ground, and around the reach of a leg, within which limits begin to act."""
 
 FAR_M = 1.2
 """Largest distance over which a foot is held; it is approached smoothly."""
@@ -43,25 +67,8 @@ MOST_YAW = 0.8
 AGREED = 0.5
 """Share of the ball in the place of a foot of which no point stands."""
 
-STRAIGHT, STRAIGHTEST, YIELD = 0.9962, 0.998, 0.001
-"""Shares of a leg's length: up to which it stretches freely (a knee bent by 10 degrees where thigh and shank are
-equal); up to which it does if it is as straight in the pose (7 degrees); and beyond these, within which it yields."""
-
-UPRIGHT = 0.1
-"""Weight of the usual axis of a straight knee beside the one of its pose, which weighs the sine of its angle."""
-
-PLAIN = 0.5
-"""Sine of the angle from which on the axis of a knee is that of its pose only."""
-
-LITTLE_BENT = 0.02
-"""Change of a straight knee's bend that takes it into its usual plane, radians; a knee that is overstretched takes half
-its bend more."""
-
 LOWEST_M = 0.08
 """How far the pelvis sinks at most."""
-
-SCRATCH = 32
-"""Numbers of scratch that a foot needs."""
 
 
 class Legs(NamedTuple):
@@ -112,26 +119,6 @@ def _limited(value: float, most: float) -> float:
 
 
 @kernel
-def _clip(value: float) -> float:
-    return min(max(value, -1.0), 1.0)
-
-
-@kernel
-def _get(rotations: Any, joint: int) -> Any:
-    q = rotations[joint]
-    return (np.float64(q[0]), np.float64(q[1]), np.float64(q[2]), np.float64(q[3]))
-
-
-@kernel
-def _put(rotations: Any, joint: int, q: Any) -> None:
-    """Replace a rotation; of both quaternions of the new one, the one that is near the old one."""
-    old = _get(rotations, joint)
-    sign = -1.0 if old[0] * q[0] + old[1] * q[1] + old[2] * q[2] + old[3] * q[3] < 0.0 else 1.0
-    for a in range(4):
-        rotations[joint, a] = sign * q[a]
-
-
-@kernel
 def plant(root: Any, rotations: Any, commands: F64, legs: Legs, pose: F64) -> None:
     """Put the feet of one pose, in place.
 
@@ -141,7 +128,7 @@ def plant(root: Any, rotations: Any, commands: F64, legs: Legs, pose: F64) -> No
         Position of the root; its height may change.
     rotations : (J, 4) floating
         Local rotations; those of hips, knees, ankles and toes change.
-    commands : (F, 22) float64
+    commands : (F, 23) float64
         Columns of :data:`COMMAND`, in the frame of ``root``.
     legs : Legs
     pose : (F, SCRATCH) float64
@@ -162,18 +149,18 @@ def plant(root: Any, rotations: Any, commands: F64, legs: Legs, pose: F64) -> No
     sink = 0.0
     for f in range(commands.shape[0]):
         if pose[f, 0] > 0.0:
-            sink = max(sink, commands[f, 0] * _missing(pose[f], shift))
+            sink = max(sink, commands[f, 0] * _missing(pose[f], shift, commands[f, GIVE]))
     shift -= share * _limited(sink, LOWEST_M)
     if shift != 0.0:
         root[1] += shift
     for f in range(commands.shape[0]):
         if pose[f, 0] > 0.0 or shift != 0.0:
-            _leg(rotations, legs.chains[f], legs.hinges[f], pose[f], shift)
+            bend_leg(rotations, legs.chains[f], legs.hinges[f], pose[f], shift, _free(pose[f]))
 
 
 @kernel
 def plant_poses(root: F64, rotations: F64, commands: F64, legs: Legs) -> None:
-    """:func:`plant` for poses (B, 3), (B, J, 4) by commands (B, F, 22)."""
+    """:func:`plant` for poses (B, 3), (B, J, 4) by commands (B, F, 23)."""
     scratch = np.empty((commands.shape[1], SCRATCH))
     for b in range(root.shape[0]):
         plant(root[b], rotations[b], commands[b], legs, scratch)
@@ -187,15 +174,15 @@ def _foot(root: Any, rotations: Any, command: F64, legs: Legs, f: int, out: F64)
     hip, knee (4 each); wanted ankle (3) and rotation of the foot (4).
     """
     points, known, toe = legs.points[f], legs.known[f], legs.chains[f, legs.chains.shape[1] - 1]
-    foot = _chain(root, rotations, legs.chains[f], legs.offsets, out)
+    foot = find_leg(root, rotations, legs.chains[f], legs.offsets, out)
     x, y, z, hold = out[8], out[9], out[10], command[0]
-    tips = mul(foot, _get(rotations, toe)) if toe >= 0 else foot
+    tips = mul(foot, get(rotations, toe)) if toe >= 0 else foot
     angle, ex, ez = _turn(foot, legs.sides[f], command)
     if angle != 0.0:
         yaw = about(0.0, 1.0, 0.0, angle)
         foot, tips = mul(yaw, foot), mul(yaw, tips)
         ex, _, ez = rotate(yaw, ex, 0.0, ez)
-    heel, ball = rotate(foot, *_row(points[0])), rotate(foot, *_row(points[1]))
+    heel, ball = rotate(foot, *triple(points[0])), rotate(foot, *triple(points[1]))
     ball_to = _height(y + ball[1], command[13], command[16], command[10])
     pitched = y + ball[1] - ball_to
     if known[0] == 1:
@@ -208,7 +195,7 @@ def _foot(root: Any, rotations: Any, command: F64, legs: Legs, f: int, out: F64)
         foot = mul(pitch, foot)
         heel, ball = rotate(pitch, *heel), rotate(pitch, *ball)
     rise = ball_to - y - ball[1]
-    tip = rotate(tips, *_row(points[2]))
+    tip = rotate(tips, *triple(points[2]))
     base = ball if toe >= 0 else (0.0, 0.0, 0.0)
     bent = angle != 0.0
     if known[2] == 1:
@@ -224,7 +211,7 @@ def _foot(root: Any, rotations: Any, command: F64, legs: Legs, f: int, out: F64)
         tip = (base[0] + tip[0], 0.0, base[2] + tip[2])
         px, pz = _pull(command, known, x, z, heel, ball, tip)
     if toe >= 0 and (bent or pitched != 0.0):
-        _put(rotations, toe, mul(inverse(foot), tips))
+        put(rotations, toe, mul(inverse(foot), tips))
     out[0], out[1] = 0.0, hold
     if px == 0.0 and pz == 0.0 and rise == 0.0 and pitched == 0.0 and angle == 0.0:
         return
@@ -234,36 +221,9 @@ def _foot(root: Any, rotations: Any, command: F64, legs: Legs, f: int, out: F64)
 
 
 @kernel
-def _chain(root: Any, rotations: Any, chain: I64, offsets: F64, out: F64) -> Any:
-    """Forward kinematics of a leg, to ``out``; returns the global rotation of the foot."""
-    length = chain.shape[0]
-    hip = length - 4
-    x, y, z = np.float64(root[0]), np.float64(root[1]), np.float64(root[2])
-    q = (0.0, 0.0, 0.0, 1.0)
-    for c in range(length - 1):
-        joint = chain[c]
-        if joint < 0:
-            continue
-        if joint > 0:
-            dx, dy, dz = rotate(q, offsets[joint, 0], offsets[joint, 1], offsets[joint, 2])
-            x, y, z = x + dx, y + dy, z + dz
-        if c >= hip:
-            at = 2 + 3 * (c - hip)
-            out[at], out[at + 1], out[at + 2] = x, y, z
-        if c == hip:
-            out[11], out[12], out[13], out[14] = q
-        q = mul(q, _get(rotations, joint))
-        if c == hip:
-            out[15], out[16], out[17], out[18] = q
-        elif c == hip + 1:
-            out[19], out[20], out[21], out[22] = q
-    return q
-
-
-@kernel
 def _turn(foot: Any, side: F64, command: F64) -> tuple[float, float, float]:
     """Angle about the vertical by which a foot turns into its direction, and the direction x, z that it has."""
-    lx, _, lz = rotate(foot, *_row(side))
+    lx, _, lz = rotate(foot, *triple(side))
     size = np.sqrt(lx * lx + lz * lz)
     if size <= 1e-6:
         return 0.0, 0.0, 1.0
@@ -282,7 +242,7 @@ def _pitch(vector: Any, higher: float, ex: float, ez: float) -> Any:
     if size > 0.01:
         ex, ez = vector[0] / size, vector[2] / size
     span = np.sqrt(size * size + vector[1] * vector[1])
-    angle = np.arcsin(_clip((vector[1] + higher) / span)) - np.arcsin(_clip(vector[1] / span))
+    angle = np.arcsin(clip((vector[1] + higher) / span)) - np.arcsin(clip(vector[1] / span))
     return about(ez, 0.0, -ex, -angle)
 
 
@@ -314,11 +274,6 @@ def _pull(command: F64, known: I64, x: float, z: float, heel: Any, ball: Any, ti
 
 
 @kernel
-def _row(point: F64) -> Any:
-    return (point[0], point[1], point[2])
-
-
-@kernel
 def _height(y: float, wanted: float, ground: float, contact: float) -> float:
     """Height of a point: as wanted by its contact, and never below the ground."""
     above = y + contact * (wanted - y) - ground
@@ -328,122 +283,29 @@ def _height(y: float, wanted: float, ground: float, contact: float) -> float:
 
 
 @kernel
-def _reach(out: F64) -> Any:
-    """Length of a leg, and the distance from hip to ankle that it has in the pose."""
-    thigh = np.sqrt((out[5] - out[2]) ** 2 + (out[6] - out[3]) ** 2 + (out[7] - out[4]) ** 2)
-    shank = np.sqrt((out[8] - out[5]) ** 2 + (out[9] - out[6]) ** 2 + (out[10] - out[7]) ** 2)
-    now = np.sqrt((out[8] - out[2]) ** 2 + (out[9] - out[3]) ** 2 + (out[10] - out[4]) ** 2)
-    return thigh, shank, now
-
-
-@kernel
 def _level(out: F64) -> float:
     """How far the pelvis has to rise for a leg to be as long as in the pose when its foot is as wanted."""
-    now = _reach(out)[2]
+    now = lengths(out)[2]
     across = (out[23] - out[2]) ** 2 + (out[25] - out[4]) ** 2
     room = now * now - across
     steep = out[3] - out[24]
     if steep <= 0.0 or room <= 0.0:
         return 0.0
     upright = (steep / now - 0.5) / 0.3  # of a leg that is far from upright only in part
-    return _smooth(upright) * (np.sqrt(room) - steep)
+    return smooth(upright) * (np.sqrt(room) - steep)
 
 
 @kernel
-def _missing(out: F64, shift: float) -> float:
+def _free(out: F64) -> float:
+    """Length up to which a leg stretches freely."""
+    thigh, shank, now = lengths(out)
+    return float(max(STRAIGHT * (thigh + shank), min(now, (1.0 - out[1] * (1.0 - STRAIGHTEST)) * (thigh + shank))))
+
+
+@kernel
+def _missing(out: F64, shift: float, soft: float) -> float:
     """How far the pelvis has to sink for a foot to be within reach."""
-    thigh, shank, now = _reach(out)
-    limit = max(STRAIGHT * (thigh + shank), min(now, (1.0 - out[1] * (1.0 - STRAIGHTEST)) * (thigh + shank)))
+    limit = _free(out)
     room = limit * limit - (out[23] - out[2]) ** 2 - (out[25] - out[4]) ** 2
     lowest = np.sqrt(room) if room > 0.01 * limit * limit else 0.1 * limit
-    return _above(out[3] + shift - out[24] - lowest, SOFT_M)
-
-
-@kernel
-def _cross(a: Any, b: Any) -> Any:
-    """Cross product of two vectors."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
-def _dot(a: Any, b: Any) -> Any:
-    """Scalar product of two vectors."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def _smooth(value: float) -> float:
-    """From 0 to 1 as a value does, with slope 0 at both."""
-    value = min(max(value, 0.0), 1.0)
-    return value * value * (3.0 - 2.0 * value)
-
-
-@kernel
-def _hinge(upper: Any, lower: Any, usual: Any, scale: float) -> Any:
-    """Unit axis about which a knee is bent, and the cosine of its angle to the usual one.
-
-    The axis is near the usual one or its opposite where the knee is straight; the cosine is below 0 where it is
-    overstretched.
-    """
-    cx, cy, cz = _cross(upper, lower)
-    cx, cy, cz = cx / scale, cy / scale, cz / scale
-    near = UPRIGHT * max(1.0 - np.sqrt(cx * cx + cy * cy + cz * cz) / PLAIN, 0.0)
-    if _dot((cx, cy, cz), usual) < 0.0:
-        near = -near
-    cx, cy, cz = cx + near * usual[0], cy + near * usual[1], cz + near * usual[2]
-    size = np.sqrt(cx * cx + cy * cy + cz * cz)
-    axis = (cx / size, cy / size, cz / size)
-    return axis[0], axis[1], axis[2], _dot(axis, usual)
-
-
-@kernel
-def _spin(axis: Any, usual: Any, line: Any, share: float) -> Any:
-    """Rotation about the line from hip to ankle that takes a knee a share of the way into its usual plane.
-
-    The angle is from 0 to 2 pi: an overstretched knee turns always to the same side.
-    """
-    angle = np.arctan2(_dot(line, _cross(axis, usual)), _dot(axis, usual))
-    return about(line[0], line[1], line[2], share * (angle if angle >= 0.0 else angle + 2.0 * np.pi))
-
-
-@kernel
-def _leg(rotations: Any, chain: I64, hinge: F64, pose: F64, shift: float) -> None:
-    """Bend one leg so that its ankle and foot are as wanted, after the pelvis has moved."""
-    length = chain.shape[0]
-    hip, knee, ankle = chain[length - 4], chain[length - 3], chain[length - 2]
-    if pose[0] == 0.0:  # only the pelvis moves: the foot stays where it is
-        pose[23], pose[24], pose[25] = pose[8], pose[9], pose[10]
-        shank = (pose[19], pose[20], pose[21], pose[22])
-        pose[26], pose[27], pose[28], pose[29] = mul(shank, _get(rotations, ankle))
-    thigh, shin, now = _reach(pose)
-    wanted = (pose[23] - pose[2], pose[24] - pose[3] - shift, pose[25] - pose[4])
-    reach = max(np.sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2), 1e-9)
-    distance, whole = reach, thigh + shin
-    free = max(STRAIGHT * whole, min(now, (1.0 - pose[1] * (1.0 - STRAIGHTEST)) * whole))
-    if distance > free:
-        give = min(YIELD * whole, max(whole - free, 1e-6))
-        distance = free + give * (1.0 - np.exp(-(distance - free) / give))
-    distance = max(distance, 1.05 * abs(thigh - shin) + 1e-3)
-    upper = (pose[5] - pose[2], pose[6] - pose[3], pose[7] - pose[4])
-    lower = (pose[8] - pose[5], pose[9] - pose[6], pose[10] - pose[7])
-    parent = (pose[11], pose[12], pose[13], pose[14])
-    hip_q, knee_q = (pose[15], pose[16], pose[17], pose[18]), (pose[19], pose[20], pose[21], pose[22])
-    ax, ay, az, cosine = _hinge(upper, lower, rotate(hip_q, *_row(hinge)), thigh * shin)
-    bent = np.arctan2(_dot(_cross(upper, lower), (ax, ay, az)), _dot(upper, lower))
-    wanted_bend = np.pi - np.arccos(_clip((thigh**2 + shin**2 - distance**2) / (2.0 * thigh * shin)))
-    turn = about(ax, ay, az, wanted_bend - bent)
-    knee_q = mul(turn, knee_q)
-    lower = rotate(turn, lower[0], lower[1], lower[2])
-    aim = arc((upper[0] + lower[0], upper[1] + lower[1], upper[2] + lower[2]), wanted)
-    hip_q, knee_q = mul(aim, hip_q), mul(aim, knee_q)
-    if cosine < 0.0:
-        changed = abs(wanted_bend - bent) / (0.5 * bent + LITTLE_BENT)
-        share = _smooth(pose[1] + changed) * _smooth(-cosine)
-        line = (wanted[0] / reach, wanted[1] / reach, wanted[2] / reach)
-        spin = _spin(rotate(aim, ax, ay, az), rotate(hip_q, *_row(hinge)), line, share)
-        thigh_to, shank_to = rotate(aim, *upper), rotate(aim, *lower)
-        hip_q = mul(arc(thigh_to, rotate(spin, *thigh_to)), hip_q)  # without a twist
-        knee_q = mul(arc(shank_to, rotate(spin, *shank_to)), knee_q)
-    _put(rotations, hip, mul(inverse(parent), hip_q))
-    _put(rotations, knee, mul(inverse(hip_q), knee_q))
-    _put(rotations, ankle, mul(inverse(knee_q), (pose[26], pose[27], pose[28], pose[29])))
+    return _above(out[3] + shift - out[24] - lowest, soft)

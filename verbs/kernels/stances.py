@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from verbs.conventions import F32, F64
 from verbs.kernels.compile import kernel
-from verbs.kernels.legs import PELVIS
+from verbs.kernels.legs import GIVE, PELVIS, REACH_M
 from verbs.kernels.pose import stride_to
 
 __all__ = [
@@ -265,7 +265,7 @@ def _quiet(plants: Plants, x: float, width: float) -> float:
 def command(
     plants: Plants, weights: F64, f: int, x: float, hold: float, fade: float, y: float, place: F64, out: F64
 ) -> None:
-    """Write a command (22,) to hold a foot at a place (8,); ``y`` is the height of the ground below the root."""
+    """Write a command (23,) to hold a foot at a place (8,); ``y`` is the height of the ground below the root."""
     row = np.empty(_STAND)
     free = 1.0 - _quiet(plants, x, plants.quiet[2]) if f == plants.effector else 1.0
     _track(plants, f, weights, x, 0, row)
@@ -281,7 +281,7 @@ def command(
         out[9 + a] = smooth(2.0 * row[a]) * free * fade
         out[12 + a] = row[_HEIGHTS + a] + y
         out[18 + a] = smooth(2.0 * row[_PULLS + a] - 0.5) * (1.0 if a == 1 else fade)
-    out[PELVIS] = 1.0 - _quiet(plants, x, plants.quiet[1])
+    out[PELVIS], out[GIVE] = 1.0 - _quiet(plants, x, plants.quiet[1]), REACH_M
 
 
 @kernel
@@ -350,7 +350,7 @@ def plan(weights: F64, phases: F64, rates: F64, plants: Plants, commands: F64) -
     rates : (B,) float64
         Seconds per unit of phase there.
     plants : Plants
-    commands : (B, F, 22) float64
+    commands : (B, F, 23) float64
         Written, see :data:`verbs.kernels.legs.COMMAND`; in the frame of the motion, of a striding root in that of its
         heading.
     """

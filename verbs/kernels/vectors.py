@@ -8,7 +8,7 @@ import numpy as np
 
 from verbs.kernels.compile import kernel
 
-__all__ = ["about", "arc", "inverse", "mul", "rotate"]
+__all__ = ["about", "arc", "cross", "dot", "inverse", "mul", "rotate"]
 
 
 @kernel
@@ -58,3 +58,15 @@ def arc(a: Any, b: Any) -> Any:
     if length < 1e-12:
         return (0.0, 0.0, 0.0, 1.0)
     return (x / length, y / length, z / length, w / length)
+
+
+@kernel
+def cross(a: Any, b: Any) -> Any:
+    """Cross product of two vectors."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def dot(a: Any, b: Any) -> Any:
+    """Scalar product of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

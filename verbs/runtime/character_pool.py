@@ -79,12 +79,12 @@ class StoredFrames:
     ----------
     frames : (S, 2, 3 + 4·J) float64
         The last two frames, latest last: root position, then rotations.
-    offsets : (S, 2, 3 + 3·J) float64
+    offsets : (S, 2, 3 + 3·J + 5·F) float64
         See :func:`verbs.kernels.inertialization.begin`.
     """
 
-    def __init__(self, joints: int) -> None:
-        self.frames, self.offsets = np.zeros((0, 2, 3 + 4 * joints)), np.zeros((0, 2, 3 + 3 * joints))
+    def __init__(self, joints: int, feet: int) -> None:
+        self.frames, self.offsets = np.zeros((0, 2, 3 + 4 * joints)), np.zeros((0, 2, 3 + 3 * joints + 5 * feet))
         self._free: list[int] = []
 
     def take(self, count: int) -> I64:
@@ -127,7 +127,7 @@ class CharacterPool:
             np.zeros((0, 2, feet, len(COMMAND))),
         )  # fmt: skip
         self.crowd = Crowd._make((np.zeros(0, CHARACTER), np.zeros(0, np.int64), *columns))
-        self.stored = StoredFrames(len(verb.skeleton))
+        self.stored = StoredFrames(len(verb.skeleton), feet)
         self._used = np.zeros(0, np.bool_)
         self._free: list[int] = []
         self._grow(_LEAST)

@@ -145,7 +145,8 @@ class CharacterSteps(CharacterPool):
         if self.verb.measure.kind == measures.JUMP:
             for slot in slots.tolist():
                 self._stand(slot, self.world(slot))
-        _restart(slots, self.state, self.stored.frames, self.stored.offsets, self._ahead(slots), RESTART_S)
+        legs = self.planting.legs
+        _restart(slots, self.state, self.stored.frames, self.stored.offsets, self._ahead(slots), legs, RESTART_S)
 
     def _displayed(self, slots: I64) -> F64:
         """The last two frames (n, 2, 3 + 4·J), latest last; zeros before the first."""

@@ -327,6 +327,6 @@ class Characters(CharacterSteps):
         row["since_s"], row["transition_s"], row["calm"] = 0.0, transition_s, 0
         frames, offsets = self.stored.frames[row["held"]], self.stored.offsets[row["held"]]
         if transition_s > 0:
-            inertialization.begin(row["step_s"], frames, ahead, offsets)
+            inertialization.begin(row["step_s"], frames, ahead, self.planting.legs, offsets)
         else:
             frames[:] = ahead[0]

@@ -47,7 +47,7 @@ def passed_over(step_s: float, length: float = 0.3):
     for k in range(-before, after):
         if k == 1:
             ahead = np.array([np.append(*(part.ravel() for part in target(n * step_s))) for n in range(2)])
-            inertialization.begin(step_s, last[0], ahead, offsets[0])
+            inertialization.begin(step_s, last[0], ahead, NO_LEGS, offsets[0])
             state["since_s"], state["transition_s"] = 0.0, length
         root, rotations = (source if k <= 0 else target)(k * step_s)
         inertialization.apply(slot, step_s, crowd, offsets, last, False, NO_LEGS, root, rotations)
@@ -80,7 +80,7 @@ def test_half_a_turn_goes_the_same_way_as_before():
     for row, angle in enumerate((np.pi - 0.02, np.pi + 0.01)):
         last[row, 3:] = quat.exp(np.array([0.0, angle, 0.0]))
     offsets = np.empty((2, 6))
-    inertialization.begin(step_s, last, ahead, offsets)
+    inertialization.begin(step_s, last, ahead, NO_LEGS, offsets)
     np.testing.assert_allclose(np.abs(offsets[0, 4]), np.pi - 0.01, atol=1e-12)
     np.testing.assert_allclose(offsets[1, 3:], [0.0, rate, 0.0], atol=1e-9)
 

@@ -10,10 +10,11 @@ import pytest
 from tests.verbs.living import FPS, STEP_S, accelerations
 from verbs import Characters, Evaluator, library
 from verbs.domain import random_points
+from verbs.kernels import fk, quat
 from verbs.kernels import pose as poses
-from verbs.kernels import quat
 from verbs.kernels.foot_state import STANCE, STEP
 from verbs.quality import foot_contact
+from verbs.runtime import transition
 from verbs.runtime.sequence import sequence, tracked
 
 HUMAN = ["punch", "kick", "jump", "lift", "reach", "board"]
@@ -218,6 +219,60 @@ def test_feet_that_stand_stay_through_a_switch(first, second):
     slides, low, _ = switches(first, second, 8)
     assert np.percentile(slides, 90) <= 5e-3
     assert low >= -2e-3
+
+
+def frames_of(first, second, goals, phase, before):
+    """Joint positions (F, J, 3) around a switch of two casts, knee bends (F, feet), and the frame of the switch."""
+    skeleton, legs = second.verb.skeleton, second.evaluator.planting().legs
+    hips, knees, ankles = (legs.chains[:, -k] for k in (4, 3, 2))
+    slot = first.add(goals[0], phase=phase, looping=True)
+    places, bends, people = [], [], first
+    for frame in range(before + 50):
+        if frame == before:
+            people, slot = second, second.go_on(first, slot, goals[1])
+        shown = people.step(np.array([slot]), STEP_S)
+        turned, joints = fk.forward(shown.root, shown.rotations, skeleton.parents, skeleton.offsets)
+        thighs, shins = joints[0, knees] - joints[0, hips], joints[0, ankles] - joints[0, knees]
+        across = (np.cross(thighs, shins) * quat.rotate(turned[0, hips], legs.hinges)).sum(axis=1)
+        places.append(joints[0])
+        bends.append(np.arctan2(across, (thighs * shins).sum(axis=1)))
+    return np.array(places), np.array(bends)
+
+
+def largest(places, frame):
+    """Largest acceleration of a joint from a frame on, m/s²."""
+    return accelerations(places[frame - 3 :]).max()
+
+
+def own(people):
+    """Largest acceleration of a joint in the examples, m/s²."""
+    return transition.example_peaks(people.evaluator).max()
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [("locomotion", "jog"), ("mood", "jog"), ("jog", "board"), ("board", "jog")]
+)
+def test_legs_pass_gently_from_one_motion_to_another(first, second):
+    """Feet that the next motion lifts begin at rest, knees neither overstretch nor stop at once."""
+    one, other = (Characters(evaluator_of(name)) for name in (first, second))
+    rng, peaks, least = np.random.default_rng(4), [], []
+    for _ in range(12):
+        goals = [random_points(people.verb, rng, 1)[0] for people in (one, other)]
+        before = int(rng.integers(6, 40))
+        places, bends = frames_of(one, other, goals, float(rng.random()), before)
+        peaks.append(largest(places, before))
+        least.append(bends.min())
+    assert max(peaks) <= 1.6 * max(own(one), own(other))
+    assert np.percentile(peaks, 75) <= 1.2 * max(own(one), own(other))
+    assert min(least) >= -0.05
+
+
+def test_a_foot_that_is_hardly_held_is_not_put_into_its_place(verb_of):
+    """A stance that would end before its foot is there: the foot lets go of where it is."""
+    one, other = (Characters(Evaluator(verb_of(name))) for name in ("punch", "locomotion"))
+    goals = np.array([0.10227452, 0.53646889, 0.53146414]), np.array([1.18767379, -1.91803714, -0.06038655])
+    places, _ = frames_of(one, other, goals, 0.6644010411515328, 34)
+    assert largest(places, 34) <= 1.2 * max(own(one), own(other))
 
 
 def test_feet_stay_after_a_stop():

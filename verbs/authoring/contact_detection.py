@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from verbs.authoring import curves
-from verbs.authoring.feet import BALL, FOOT, HEEL, Point, feet, leg_length, point_positions
+from verbs.clips.feet import BALL, FOOT, HEEL, Point, feet, leg_length, point_positions
 from verbs.contacts import PARTS, Contacts
 from verbs.conventions import F32, F64, I64
 from verbs.errors import UnknownName

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from verbs.authoring.feet import leg_length, point_positions
+from verbs.clips.feet import leg_length, point_positions
 from verbs.contacts import Contacts
 from verbs.conventions import F64
 from verbs.quality.humanoid import SIDES, Humanoid

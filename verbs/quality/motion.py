@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from verbs.authoring.feet import BALL, FOOT, point_positions
+from verbs.clips.feet import BALL, FOOT, point_positions
 from verbs.contacts import Contacts
 from verbs.conventions import F64, I64
 from verbs.domain import random_points

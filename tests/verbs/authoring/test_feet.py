@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from tests.verbs import walker
-from verbs.authoring import contact_detection, feet
+from verbs.authoring import contact_detection
 from verbs.authoring.fit import build
+from verbs.clips import feet
 from verbs.contacts import PARTS
 from verbs.kernels import fk
 from verbs.skeleton import Skeleton

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from verbs.clips.advice import turn_advice
 from verbs.conventions import F32, F64, MAX_KEYS
 from verbs.errors import IllPosedVerb
 from verbs.kernels import pose as poses
@@ -105,7 +106,7 @@ def fit(
         if looping:
             warnings += _seam(name, motion, climbing=climbing)
     roots, rotations, strides = (np.array(part) for part in zip(*resampled, strict=True))
-    rows, references, more = _rows(rotations, names, motions[0], rotation_mode)
+    rows, references, more = _rows(rotations, names, motions, rotation_mode)
     samples = np.zeros((intervals + 1, len(motions), 4 + rows.shape[2] * 4))
     samples[:, :, :3] = roots.transpose(1, 0, 2)
     samples[:, :, 4:] = rows.transpose(1, 0, 2, 3).reshape(intervals + 1, len(motions), -1)
@@ -215,9 +216,9 @@ def _seam(name: str, motion: Motion, *, climbing: bool) -> list[str]:
     ]
 
 
-def _rows(rotations: F64, names: list[str], motion: Motion, mode: int) -> tuple[F64, F64, list[str]]:
+def _rows(rotations: F64, names: list[str], motions: list[Motion], mode: int) -> tuple[F64, F64, list[str]]:
     """Rows to blend (N, K + 1, J, 4), references (J, 4), warnings; from rotations (N, K + 1, J, 4)."""
-    joints = motion.skeleton.names
+    joints = motions[0].skeleton.names
     rotations = np.stack([quat.unroll(one) for one in rotations])
     references = quat.principal(rotations.reshape(-1, len(joints), 4))
     # Signs must be continuous in time within an example and agree between examples at each instant: the mean of an
@@ -240,7 +241,8 @@ def _rows(rotations: F64, names: list[str], motion: Motion, mode: int) -> tuple[
     example, joint = np.unravel_index(np.argmax(apart), apart.shape)
     where = f"example '{names[example]}' rotates joint '{joints[joint]}' {np.degrees(apart.max()):.0f}° from the mean"
     if apart.max() >= TURN_LIMIT_RAD:
-        raise IllPosedVerb(f"{where}; blends need less than 180°: check its keytimes, or leave it out")
+        advice = turn_advice(motions[example], int(joint), names[example])
+        raise IllPosedVerb(f"{where}; blends need less than 180°: {advice}")
     far = [f"{where}; blends with it may look odd"] if apart.max() > 0.5 * np.pi else []
     return rotations, references, far
 

@@ -1,6 +1,6 @@
 """Build a verb from its source folder: checked, and the same bytes for the same source.
 
-Stages: read → check → align and warp → fit curves → solve the basis → measure.
+Stages: read → mend → check → align and warp → fit curves → solve the basis → measure.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ import numpy as np
 
 from verbs.authoring import apex, basis, charts, curves
 from verbs.authoring.measuring import measure_of
+from verbs.authoring.mending import mended
 from verbs.authoring.source import TAILS, Source, SourceExample, read
 from verbs.authoring.stated_contacts import contacts_of
 from verbs.blend.methods import default_method
 from verbs.conventions import F64
 from verbs.domain import describe, random_points
-from verbs.errors import IllPosedVerb, MotionFileError, SkeletonMismatch, SourceError
+from verbs.errors import IllPosedVerb, MotionFileError, SourceError
 from verbs.goal import Goal, diagonal
 from verbs.io import bvh
 from verbs.kernels import measure as measures
@@ -95,7 +96,9 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     """
     report = progress or (lambda stage, done, total: None)
     source = read(folder)
-    motions, digests = _read_motions(source, report)
+    read_motions, digests = _read_motions(source, report)
+    fixed = mended(source, read_motions)
+    source, motions = fixed.source, fixed.motions
     keytimes = np.array([_checked_keytimes(source, e, m) for e, m in zip(source.examples, motions, strict=True)])
     source, keytimes = apex.mark(source, motions, keytimes)
     report("fitting curves", 0, 1)
@@ -134,10 +137,10 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
         "files": {example.file.name: digest for example, digest in zip(source.examples, digests, strict=True)},
         "simplices": [list(row) for row in source.simplices],
         "built_by": f"adverb {metadata.version('adverb')}",
+        **({"mends": fixed.rows} if fixed.rows else {}),
     }
-    return Built(
-        replace(verb, quality=quality, provenance=provenance), (*source.warnings, *fitted.warnings, *warnings), worst
-    )
+    lines = (*source.warnings, *fixed.warnings, *fitted.warnings, *warnings)
+    return Built(replace(verb, quality=quality, provenance=provenance), lines, worst)
 
 
 def _read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[str]]:
@@ -151,14 +154,7 @@ def _read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[
             motion = bvh.read(example.file, unit=source.length_unit)
         except MotionFileError as err:
             raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
-        if motions:
-            gap = motions[0].skeleton.difference(motion.skeleton)
-            if gap:
-                raise SkeletonMismatch(
-                    f"{source.path}, example '{example.name}': its skeleton differs from that of "
-                    f"'{source.examples[0].name}': it {gap}; retarget it, or leave it out"
-                )
-        elif source.root and motion.skeleton.names[0] != source.root:
+        if not motions and source.root and motion.skeleton.names[0] != source.root:
             raise SourceError(
                 source.path,
                 f"root is '{source.root}', but the motion's root joint is '{motion.skeleton.names[0]}'",

@@ -14,6 +14,7 @@ from typing import Any
 
 from verbs import units
 from verbs.authoring.source_contacts import SourceContact, read_contacts
+from verbs.authoring.source_mends import SourceMend, SourceRetarget, read_mends, read_retarget
 from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, MAX_MAGNITUDE, METRES_PER_UNIT
 from verbs.errors import SourceError
 from verbs.kernels.chart import CHARTS
@@ -32,7 +33,7 @@ TAILS = ("constant", "affine")
 _KEYS = {
     "name", "description", "looping", "climbing", "samples", "root", "effector", "effector_keytime_index", "measure",
     "keytime_names", "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
-    "contact", "contacts", "tail",
+    "contact", "contacts", "tail", "mend", "retarget",
 }  # fmt: skip
 
 _TABLE_KEYS = {
@@ -80,7 +81,8 @@ class Source:
 
     ``goal`` is empty, or an origin and one axis per measured adverb, three numbers each: where the adverbs of a sheet
     lie in space. ``has_contacts`` is false where contacts are turned off; ``contacts`` are those that replace what
-    detection finds. ``provenance`` keeps every key that has no meaning here; ``warnings`` name likely misspellings.
+    detection finds. ``mends`` and ``retarget`` change the clips first. ``provenance`` keeps every key that has no
+    meaning here; ``warnings`` name likely misspellings.
     """
 
     path: Path
@@ -104,6 +106,8 @@ class Source:
     has_contacts: bool
     contacts: tuple[SourceContact, ...]
     tail: str
+    mends: tuple[SourceMend, ...]
+    retarget: SourceRetarget | None
     provenance: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
 
@@ -171,7 +175,8 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
     samples = reader.integer(table, "samples", default=0)
     if samples < 0 or samples >= MAX_KEYS:
         raise SourceError(path, f"samples is {samples}; give 1 to {MAX_KEYS - 1}, or leave it out")
-    has_contacts, contacts = read_contacts(path, table, [example.name for example in examples], looping=looping)
+    stems = [example.name for example in examples]
+    has_contacts, contacts = read_contacts(path, table, stems, looping=looping)
     return Source(
         path=path,
         name=name,
@@ -194,6 +199,8 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
         has_contacts=has_contacts,
         contacts=contacts,
         tail=reader.choice(table, "tail", TAILS, default="affine"),
+        mends=read_mends(path, table, stems, looping=looping),
+        retarget=read_retarget(path, table, stems),
         provenance={key: value for key, value in table.items() if key not in _KEYS},
     )
 

@@ -42,10 +42,12 @@ def build_command(
     if as_json:
         verb = built.verb
         print_json({"file": str(path), "name": verb.name, "examples": len(verb.examples), **verb.quality,
-                     "feet": slide_rows(verb), "warnings": list(built.warnings),
-                     "suggestions": [suggestion] * bool(suggestion)})  # fmt: skip
+                     "mends": verb.provenance.get("mends", []), "feet": slide_rows(verb),
+                     "warnings": list(built.warnings), "suggestions": [suggestion] * bool(suggestion)})  # fmt: skip
         return
     out.print(_build_table(built, path))
+    if mends := built.verb.provenance.get("mends"):
+        out.print(_mends_table(mends))
     if rows := slide_rows(built.verb):
         out.print(_feet_table(rows))
     if suggestion:
@@ -76,6 +78,16 @@ def _build_table(built: Built, path: Path) -> Table:
                 f"error {quantity(found['error_mean_m'], unit)} mean, {quantity(found['error_max_m'], unit)} max, "
                 f"Σ|w| ≤ {found['weight_sum_max']:.2f} over {quality['samples']} random points",
             )
+    return table
+
+
+def _mends_table(rows: list[dict[str, Any]]) -> Table:
+    """What was found and done in each example."""
+    table = Table(title="mends", title_justify="left")
+    for column in ("example", "kind", "found", "done"):
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(plain(str(row[key])) for key in ("example", "kind", "found", "done")))
     return table
 
 

@@ -37,7 +37,7 @@ class Mirrored:
     motion : Motion
         On the same skeleton.
     unmatched : tuple of str
-        Joints that state a side and have no partner; each is mirrored into itself.
+        Joints that need a partner and have none; each keeps its local rotation.
     bones : tuple of (str, float)
         Joints whose bone differs from its partner's, and by how much, metres: positions below are off by that.
     """
@@ -93,6 +93,8 @@ def mirror(motion: Motion, table: Mapping[str, str] | None = None) -> Mirrored:
     whole = quat.mul(whole[:, pairs.partner] * REFLECTED, rest)
     local = whole.copy()
     local[:, 1:] = quat.mul(quat.conjugate(whole[:, skeleton.parents[1:]]), whole[:, 1:])
+    loose = [skeleton.index(name) for name in pairs.unmatched]
+    local[:, loose] = motion.rotations[:, loose]
     mirrored = Motion(skeleton, motion.fps, motion.root * SIDES, quat.normalize(local))
     lengths = np.linalg.norm(skeleton.offsets, axis=1)
     apart = np.abs(lengths - lengths[pairs.partner])
@@ -116,7 +118,7 @@ def _corrections(skeleton: Skeleton, pairs: Pairs) -> F64:
 
 def _bones(skeleton: Skeleton, pairs: Pairs, joint: int, mate: int) -> tuple[F64, F64]:
     """Bones (B, 3) that a joint carries, children and tips, and those of its partner in the same order."""
-    children = np.flatnonzero(skeleton.parents == joint)
+    children = np.flatnonzero((skeleton.parents == joint) & (skeleton.parents[pairs.partner] == mate))
     own, other = skeleton.offsets[children], skeleton.offsets[pairs.partner[children]]
     tips = skeleton.tip_offsets[skeleton.tip_parents == joint]
     mates = skeleton.tip_offsets[skeleton.tip_parents == mate]

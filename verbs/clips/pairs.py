@@ -16,7 +16,7 @@ __all__ = ["Pairs", "find_pairs", "mirrored_name"]
 
 _FORMS = (
     (re.compile(r"Left|Right"), {"Left": "Right", "Right": "Left"}),
-    (re.compile(r"(?<![a-z])(?:left|right)|(?:left|right)(?![a-z])"), {"left": "right", "right": "left"}),
+    (re.compile(r"(?<![A-Za-z])(?:left|right)"), {"left": "right", "right": "left"}),
     (re.compile(r"LEFT|RIGHT"), {"LEFT": "RIGHT", "RIGHT": "LEFT"}),
     (re.compile(r"(?:(?<=[_.\-: ])|^)[lLrR](?=[_.\-: ]|$)"), {"l": "r", "r": "l", "L": "R", "R": "L"}),
     (re.compile(r"(?:(?<=[:_])|^)[lLrR](?=[A-Z])"), {"l": "r", "r": "l", "L": "R", "R": "L"}),
@@ -34,7 +34,8 @@ class Pairs:
     partner : (J,) int64
         The joint on the other side; a joint of the middle is its own.
     unmatched : tuple of str
-        Joints whose names state a side, but have no partner; they are their own.
+        Joints without a partner that need one: their names state a side, or they hang on a joint of one side. They
+        are their own.
     """
 
     partner: I64
@@ -79,7 +80,7 @@ def find_pairs(skeleton: Skeleton, table: Mapping[str, str] | None = None) -> Pa
             if partner[joint] not in (-1, mate):
                 raise OutOfRange(f"joint '{skeleton.names[joint]}' has two partners in the table of pairs")
             partner[joint] = mate
-    unmatched = []
+    loose: list[int] = []
     for joint, name in enumerate(skeleton.names):
         if partner[joint] >= 0:
             continue
@@ -88,14 +89,15 @@ def find_pairs(skeleton: Skeleton, table: Mapping[str, str] | None = None) -> Pa
         if partner[mate] >= 0:
             mate = joint
         partner[joint], partner[mate] = mate, joint
-        if mate == joint and opposite is not None:
-            unmatched.append(name)
+        above = skeleton.parents[joint]
+        if mate == joint and (opposite is not None or (joint and partner[above] != above) or above in loose):
+            loose.append(joint)
     for joint in range(1, count):
         mate = partner[joint]
-        if partner[skeleton.parents[joint]] != skeleton.parents[mate]:
+        if joint not in loose and partner[skeleton.parents[joint]] != skeleton.parents[mate]:
             raise OutOfRange(
                 f"joints '{skeleton.names[joint]}' and '{skeleton.names[mate]}' cannot be mirrored: their parents "
                 f"'{skeleton.names[skeleton.parents[joint]]}' and '{skeleton.names[skeleton.parents[mate]]}' are no "
                 "pair; name the pairs in a table"
             )
-    return Pairs(partner, tuple(unmatched))
+    return Pairs(partner, tuple(skeleton.names[joint] for joint in loose))

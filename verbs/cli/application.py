@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from verbs.cli.build import build_command, info_command
+from verbs.cli.clips import mirror_command, resample_command, trim_command
 from verbs.cli.figures import figures_command
 from verbs.cli.gallery import gallery_command
 from verbs.cli.measure import measure_command
@@ -33,6 +34,9 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "measure": measure_command,
     "refine": refine_command,
     "export": export_command,
+    "mirror": mirror_command,
+    "trim": trim_command,
+    "resample": resample_command,
     "figures": figures_command,
     "gallery": gallery_command,
 }

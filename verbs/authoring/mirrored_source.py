@@ -1,0 +1,132 @@
+"""Mirror a whole verb source: its clips, its adverbs, its effector, contacts and mends."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from verbs.authoring.source import Source, read
+from verbs.authoring.toml_text import toml_dump
+from verbs.clips.mirror import Mirrored, mirror
+from verbs.clips.pairs import find_pairs
+from verbs.clips.scale import scaled
+from verbs.conventions import METRES_PER_UNIT
+from verbs.errors import MotionFileError, SourceError
+from verbs.io import bvh
+from verbs.skeleton import Skeleton
+
+__all__ = ["mirror_source"]
+
+_WORD = re.compile(r"\b(left|right|Left|Right|LEFT|RIGHT)\b")
+_OTHER = {"left": "right", "Left": "Right", "LEFT": "RIGHT"}
+_OTHER |= {value: key for key, value in _OTHER.items()}
+
+
+def mirror_source(folder: str | Path, output: str | Path, table: Mapping[str, str] | None = None) -> list[Mirrored]:
+    """Write the mirror image of a verb source into a new folder.
+
+    Every file is written as BVH in the source's unit. In ``verb.toml``, measured adverbs that point sideways change
+    their sign (x of ``joint_position``, direction of ``jump``, turn and sideways speed of ``root_velocity``); the
+    effector and the joints of contacts and mends become their partners; left and right in the names of keytimes are
+    exchanged. The name gains ``_mirrored``. Everything else is kept, apart from comments.
+
+    Parameters
+    ----------
+    folder, output : str or Path
+        ``output`` must not exist, or be an empty folder.
+    table : mapping of str to str, optional
+        Pairs of joints whose names do not show that they are one.
+
+    Returns
+    -------
+    mirrored : list of Mirrored
+        One for each example.
+
+    Raises
+    ------
+    SourceError
+        The source is wrong, or ``output`` is not empty.
+    MotionFileError, UnknownName, OutOfRange
+        A file cannot be read or written, or joints cannot be paired.
+    """
+    source, output = read(folder), Path(output)
+    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        raise SourceError(output, "is not empty; name a new folder")
+    factor = 1.0 / METRES_PER_UNIT[source.length_unit]
+    done = []
+    for example in source.examples:
+        try:
+            motion = bvh.read(example.file, unit=source.length_unit)
+        except MotionFileError as err:
+            raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
+        mirrored = mirror(motion, table)
+        path = output / _file(source, example.file)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        bvh.write(scaled(mirrored.motion, factor), path, decimals=8)
+        done.append(mirrored)
+    given = tomllib.loads(source.path.read_text("utf-8-sig"))
+    text = toml_dump(_mirrored_table(source, given, done[0].motion.skeleton, table))
+    (output / "verb.toml").write_text(text, encoding="utf-8")
+    return done
+
+
+def _file(source: Source, file: Path) -> Path:
+    return file.relative_to(source.path.parent.resolve()).with_suffix(".bvh")
+
+
+def _mirrored_table(
+    source: Source, given: dict[str, Any], skeleton: Skeleton, table: Mapping[str, str] | None
+) -> dict[str, Any]:  # fmt: skip
+    """The parsed ``verb.toml`` of the mirror image."""
+    partner = find_pairs(skeleton, table).partner
+
+    def other(name: str) -> str:
+        return skeleton.names[partner[skeleton.names.index(name)]] if name in skeleton.names else name
+
+    out = {**given, "name": f"{source.name}_mirrored", "mirrored_from": source.name}
+    for key in {"effector", "root"} & out.keys():
+        out[key] = other(out[key])
+    out["keytime_names"] = [_WORD.sub(lambda found: _OTHER[found.group()], name) for name in source.keytime_names]
+    for key in {"contact", "mend"} & out.keys():
+        out[key] = [_mirrored_row(row, other) for row in out[key]]
+    signs = _signs(source)
+    out["example"] = [
+        {**row, "file": _file(source, example.file).as_posix(),
+         "adverb_values": [sign * value + 0.0 for sign, value in zip(signs, example.values, strict=True)]}
+        for row, example in zip(given["example"], source.examples, strict=True)
+    ]  # fmt: skip
+    if source.goal:
+        goal = given["goal"]
+        out["goal"] = {**goal, "origin": _flipped(goal["origin"]), "axes": [_flipped(axis) for axis in goal["axes"]]}
+    return out
+
+
+def _mirrored_row(row: dict[str, Any], other: Any) -> dict[str, Any]:
+    """A ``[[contact]]`` or ``[[mend]]`` table of the mirror image."""
+    out = dict(row)
+    if "joint" in row:
+        out["joint"] = other(row["joint"])
+    if "degrees" in row:
+        out["degrees"] = -row["degrees"]
+    return out
+
+
+def _flipped(vector: list[float]) -> list[float]:
+    return [-vector[0] + 0.0, *vector[1:]]
+
+
+def _signs(source: Source) -> list[float]:
+    """Sign of each adverb in the mirror image."""
+    signs = [1.0] * len(source.adverbs)
+    measured = [k for k, adverb in enumerate(source.adverbs) if not adverb.style]
+    if source.measure == "joint_position" and not source.goal:
+        for k in measured[:1] if len(measured) == 3 else measured:
+            signs[k] = -1.0 if len(measured) == 3 or source.adverbs[k].name == "x" else 1.0
+    elif source.measure == "jump":
+        signs[measured[1]] = -1.0
+    elif source.measure == "root_velocity":
+        signs[measured[1]] = signs[measured[2]] = -1.0
+    return signs

@@ -143,8 +143,8 @@ def _retargeted(source: Source, motions: list[Motion]) -> tuple[list[Motion], li
             continue
         effector = _effector(source, wanted) if source.retarget.effector else None
         done = retarget.retarget(motion, wanted, effector=effector, plant=source.retarget.feet)
-        reports = [*bones, done.report(source.retarget.skeleton)]
-        rows += [{"example": name, **report.row()} for report in reports]
+        lengths = {str(bone.mend.joint): round(bone.figure, 3) for bone in bones}
+        rows.append({"example": name, **done.report(source.retarget.skeleton, bones).row(), "bones_mm": lengths})
         out.append(done.motion)
     return out, rows
 

@@ -27,8 +27,14 @@ STILL_RAD, STILL_M = 1e-6, 1e-6
 LEAST_RAD, LEAST_M = np.radians(1.0), 0.005
 """Least step out of a gap."""
 
-RATIO = 2.0
-"""Least ratio of the step out of a gap to the largest of the steps beside it."""
+RATIO, LONG_RATIO = 2.0, 1.5
+"""Least ratio of the step out of a gap to the largest of the steps beside it; of a long gap, to their median."""
+
+LONG = 4
+"""Fewest repeated frames of a long gap: joints that stop at a limit for a moment repeat fewer."""
+
+MOVING = 0.05
+"""Least step into a long gap, as a share of the least step out of it: a joint that stands still may then jump."""
 
 BESIDE = 3
 """Steps on each side of a gap with which the step out of it is compared."""
@@ -108,7 +114,9 @@ def _held(steps: F64, still: float, least: float) -> list[tuple[int, int]]:
         into, out = steps[first - 1], steps[after]
         before, later = steps[max(first - 1 - BESIDE, 0) : first - 1], steps[after + 1 : after + 1 + BESIDE]
         usual = max([0.0, *before, *later])
-        if out < max(least, RATIO * usual):
+        middle = float(np.median([*before, *later])) if len(before) + len(later) else 0.0
+        is_long = after - first >= LONG and out >= max(least, LONG_RATIO * middle) and into >= MOVING * least
+        if out < max(least, RATIO * usual) and not is_long:
             continue
         bogus = into >= max(least, RATIO * usual)  # the value that is held is wrong itself
         start = int(first) + (0 if bogus else 1)

@@ -7,6 +7,7 @@ would be too short.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,9 @@ KIND = "retarget"
 
 BONE_M = 1e-4
 """Difference of a bone from which on it is reported."""
+
+MOST_BONES = 3
+"""Bones that the report of a clip names: those that differ most."""
 
 ITERATIONS = 80
 """Most steps of the inverse kinematics."""
@@ -62,12 +66,14 @@ class Retargeted:
     effector_m: float
     feet_m: float
 
-    def report(self, skeleton: str) -> Report:
-        """The report of the whole clip; ``skeleton`` is the name of the clip whose skeleton is the new one."""
+    def report(self, skeleton: str, bones: Sequence[Report]) -> Report:
+        """The report of the whole clip, of those of its bones; ``skeleton`` names the clip with the new skeleton."""
+        first = sorted(bones, key=lambda bone: -bone.figure)[:MOST_BONES]
+        more = f", and {len(bones) - len(first)} more" if len(bones) > len(first) else ""
         figures = f"effector within {1000.0 * self.effector_m:.1f} mm, soles within {1000.0 * self.feet_m:.1f} mm"
         return Report(
             Mend(KIND),
-            f"other bone lengths than '{skeleton}'",
+            f"bones differ from those of '{skeleton}': {'; '.join(bone.found for bone in first)}{more}",
             f"retargeted, root height × {self.scale:.3f}: {figures}",
             1000.0 * max(self.effector_m, self.feet_m),
             "mm",

@@ -27,7 +27,7 @@ LONGEST_S = 5.0
 RATE_HZ = 60.0
 """Rate of the frames between which turns are looked for; they are mended at every frame."""
 
-EDGE = 0.25
+EDGE = 0.18
 """The stretch is extended while the joint rotates faster than this share of its mean speed within the turn."""
 
 MOST = 32

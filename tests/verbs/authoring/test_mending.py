@@ -129,8 +129,14 @@ def test_another_body_is_refused_with_the_table_that_retargets_it(tmp_path, clea
     verb = build(folder).verb
     rows = verb.provenance["mends"]
     assert {(row["example"], row["kind"]) for row in rows} == {("far", "retarget")}
-    assert sum("the bone to" in row["found"] for row in rows) == len(verb.skeleton) - 1
-    assert "effector within 0.0 mm" in rows[-1]["done"]
+    (row,) = rows
+    offsets = {name: 1000 * np.linalg.norm(offset) * 0.07 for name, offset in
+               zip(verb.skeleton.names[1:], verb.skeleton.offsets[1:], strict=True)}  # fmt: skip
+    assert row["bones_mm"] == pytest.approx(offsets, abs=0.01)
+    longest = max(offsets, key=offsets.get)
+    assert f"bones differ from those of 'near': the bone to '{longest}' is" in row["found"]
+    assert "and 24 more" in row["found"]
+    assert "effector within 0.0 mm" in row["done"]
     (folder / "verb.toml").write_text((folder / "verb.toml").read_text() + "apply = false\n")
     with pytest.raises(SkeletonMismatch):
         build(folder)

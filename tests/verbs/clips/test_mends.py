@@ -72,6 +72,20 @@ def test_two_spins_of_one_joint_and_one_of_another():
     assert broken.apart_deg(mended(spun, "spin").motion, clean) < 20
 
 
+def test_spins_in_captured_clips_are_found_and_nothing_else(mocap):
+    rng = np.random.default_rng(5)
+    files = sorted(mocap.glob("*/*.bvh"))
+    for k in range(40):
+        clip = bvh.read(files[rng.integers(len(files))])
+        length = int(rng.uniform(0.15, min(2.0, 0.6 * clip.duration_s)) * clip.fps)
+        first, axis = int(rng.integers(2, len(clip) - length - 2)), rng.standard_normal(3)
+        joint = ("RightHand", "LeftForeArm", "Head")[k % 3]
+        bad = broken.spin(clip, joint, first, first + length, axis=axis / np.linalg.norm(axis))
+        (report,) = mends.find(bad, ["gap", "spike", "spin"])
+        assert (report.mend.kind, report.mend.joint) == ("spin", joint)
+        assert not found(mended(bad, "spin").motion, "spin")
+
+
 def test_a_root_may_turn_around():
     assert not found(broken.spin(broken.clean(), "Hips", 20, 80, axis=(0.0, 1.0, 0.0)), "spin")
 

@@ -62,7 +62,7 @@ def mend(motion: Motion, wanted: Mend) -> tuple[Motion, list[Report]]:
     lost = motion.duration_s - kept.duration_s
     return kept, [
         Report(
-            Mend(KIND, None, start, end),
+            Mend(KIND, None, round(start, 7), round(end, 7)),
             f"nothing moves before {start:g} s or after {end:g} s",
             f"trimmed by {lost:.2f} s, to {kept.duration_s:.2f} s",
             lost,

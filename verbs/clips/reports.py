@@ -95,4 +95,4 @@ def _value(value: object) -> str:
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return f'"{escaped}"'
-    return f"{float(value):.9g}" if isinstance(value, (int, float)) else str(value)
+    return repr(round(float(value), 7)) if isinstance(value, (int, float)) else str(value)

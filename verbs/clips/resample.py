@@ -12,7 +12,7 @@ from verbs.motion import Motion
 
 __all__ = ["at_times", "resample", "trim"]
 
-SLACK = 1e-6
+SLACK = 1e-4
 """Share of a frame by which times may miss a frame, or the end of the motion: seconds in files are rounded."""
 
 

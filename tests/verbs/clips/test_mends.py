@@ -1,3 +1,5 @@
+import tomllib
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -189,6 +191,7 @@ def test_idle_heads_and_tails_are_trimmed():
     done = mended(bad, "idle")
     assert 120 / 60 - 0.3 < done.start_s < 120 / 60 + 0.7
     assert (done.start_s, done.end_s) == (report.mend.start_s, report.mend.end_s)
+    assert len(mends.apply(bad, [report.mend]).motion) == len(done.motion)
     first = round(done.start_s * 60)
     assert np.array_equal(done.motion.rotations, bad.rotations[first : first + len(done.motion)])
     assert mended(bad, "idle", margin=0.5).start_s == pytest.approx(done.start_s - 0.25, abs=0.02)
@@ -279,6 +282,17 @@ def test_any_spike_is_mended(frame, frames, degrees, joint):
     bad = broken.spike(clean, joint, frame, degrees=degrees, frames=frames)
     result = mended(bad, "spike").motion
     assert broken.apart_deg(result, clean) < 4
+
+
+@given(st.integers(1, 400), st.integers(1, 400), st.sampled_from([24.0, 29.97, 30.0, 60.0, 120.0, 240.0]))
+def test_a_proposed_trim_survives_its_table(head, tail, fps):
+    """Times are rounded in the table; the same frames are kept."""
+    clean = resample.resample(broken.clean(), fps)
+    bad = broken.idle(clean, head, tail)
+    for report in found(bad, "idle"):
+        table = tomllib.loads(toml_text(report.mend, "a"))["mend"][0]
+        kept = mends.apply(bad, [Mend("idle", None, table["start"], table["end"])]).motion
+        assert np.array_equal(kept.rotations, mended(bad, "idle").motion.rotations)
 
 
 @given(st.integers(1, 60), st.floats(0.0, 0.3))

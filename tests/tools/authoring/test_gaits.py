@@ -14,8 +14,8 @@ from tools.authoring.humanoid import humanoid
 from tools.authoring.source import write
 from verbs import library
 from verbs.authoring import source as sources
-from verbs.clips.feet import point_positions
 from verbs.authoring.fit import build
+from verbs.clips.feet import point_positions
 from verbs.contacts import PARTS
 from verbs.io import bvh
 from verbs.kernels import fk, quat

@@ -3,7 +3,7 @@
 ::
 
     VerbError
-    ├── MotionFileError      a motion file is invalid (path, line, expected, found)
+    ├── MotionFileError      a motion file is invalid (path, place, expected, found, advice)
     ├── SourceError          a verb source folder or its verb.toml is wrong (path, example, advice)
     ├── SkeletonMismatch     two motions or verbs do not share one skeleton
     ├── IllPosedVerb         the examples do not determine a verb (duplicates, too few, collinear)
@@ -49,15 +49,21 @@ class MotionFileError(VerbError):
     path : str
         The file, or ``"<text>"`` where the motion came from memory.
     line : int or None
-        1-based line of the first thing that is wrong.
+        1-based line of the first thing that is wrong, in a file of text.
+    place : str
+        Where else it is, such as ``"accessors[3]"``; ``"line 5"`` where there is a line, empty where neither is known.
     expected, found : str
         What the format requires there, and what the file has.
+    advice : str
+        What to do about it; may be empty.
     """
 
-    def __init__(self, path: str | Path, line: int | None, expected: str, found: str) -> None:
-        self.path, self.line, self.expected, self.found = str(path), line, expected, found
-        where = f"{path}:{line}" if line is not None else f"{path}"
-        super().__init__(f"{where}: expected {expected}, found {found}")
+    def __init__(self, path: str | Path, place: int | str | None, expected: str, found: str, advice: str = "") -> None:
+        self.path, self.expected, self.found, self.advice = str(path), expected, found, advice
+        self.line = place if isinstance(place, int) else None
+        self.place = f"line {place}" if isinstance(place, int) else place or ""
+        where = f"{path}:{place}" if isinstance(place, int) else f"{path}, {place}" if place else f"{path}"
+        super().__init__(f"{where}: expected {expected}, found {found}" + (f"; {advice}" if advice else ""))
 
 
 class SourceError(VerbError):

@@ -6,7 +6,8 @@ Decisions where the format is ambiguous:
   third). There are one to three of them; a missing axis has angle 0. The order of
   position channels among them has no meaning.
 - A position channel *replaces* that component of the joint's OFFSET, as in pymotion and most other tools.
-  Only the root may move: another joint's position channels must stay constant, and become its offset.
+  Other joints than the root may have them: see :mod:`verbs.io.joint_tracks`.
+- Of several hierarchies the one with the most joints is read. Channels of an End Site have columns and no effect.
 - A root without position channels stands at its OFFSET. ``Skeleton.offsets[0]`` is always zero.
 - Every End Site becomes a tip. The writer gives a leaf joint without a tip an End Site of zero length, since
   the format asks for one; reading that file back adds the tip.
@@ -16,10 +17,7 @@ Decisions where the format is ambiguous:
 
 from __future__ import annotations
 
-import os
 import re
-import secrets
-import stat
 from pathlib import Path
 
 import numpy as np
@@ -27,20 +25,30 @@ import numpy.typing as npt
 
 from verbs.conventions import F64, MAX_FILE_BYTES, METRES_PER_UNIT
 from verbs.errors import MotionFileError, OutOfRange, UnknownName
-from verbs.io.bvh_reader import FRAME_TIME_S, MAX_STATEMENT, frame_rate, motion_from_text
+from verbs.io.bvh_reader import FRAME_TIME_S, MAX_STATEMENT, frame_rate, tracks_from_text
+from verbs.io.files import file_content, write_atomically
+from verbs.io.joint_tracks import STRETCH_M, root_motion
+from verbs.io.report import MotionFile, Report
 from verbs.kernels import quat
 from verbs.motion import Motion
 from verbs.skeleton import Skeleton
 
-__all__ = ["dump", "parse", "read", "write"]
+__all__ = ["dump", "parse", "parse_file", "read", "read_file", "write"]
 
 _ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 _NAME = re.compile(r"[^\s{}]([^\r\n{}]*[^\s{}])?")
 _LOCKED = 1e-9  # sine below which Euler angles count as locked; rounding noise is 1e-16
 
 
-def read(path: str | Path, *, unit: str = "m") -> Motion:
-    """Read a BVH file.
+def read(path: str | Path, *, unit: str = "m", root: str | None = None, stretch_m: float = STRETCH_M) -> Motion:
+    """Read the motion of a BVH file; the rest is as in :func:`read_file`."""
+    return read_file(path, unit=unit, root=root, stretch_m=stretch_m).motion
+
+
+def read_file(
+    path: str | Path, *, unit: str = "m", root: str | None = None, stretch_m: float = STRETCH_M
+) -> MotionFile:
+    """Read a BVH file, with a report.
 
     Parameters
     ----------
@@ -48,11 +56,16 @@ def read(path: str | Path, *, unit: str = "m") -> Motion:
         A regular file of UTF-8 text, at most ``conventions.MAX_FILE_BYTES`` long.
     unit : str
         The file's unit of length, a key of ``conventions.METRES_PER_UNIT``; BVH files do not state it.
+    root : str, optional
+        Joint that becomes the root of the motion; those above it are folded into it. See
+        :func:`verbs.io.joint_tracks.root_motion` for the default.
+    stretch_m : float
+        Largest distance of a joint from its mean offset that is dropped, metres.
 
     Returns
     -------
-    motion : Motion
-        In metres.
+    file : MotionFile
+        The motion, in metres, and the report.
 
     Raises
     ------
@@ -61,17 +74,19 @@ def read(path: str | Path, *, unit: str = "m") -> Motion:
     UnknownName
         If the unit is not known.
     """
-    content = _content(path)
+    content = file_content(path)
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as err:
         line = content.count(b"\n", 0, err.start) + 1
         raise MotionFileError(path, line, "UTF-8 text", f"byte 0x{content[err.start]:02x}") from err
-    return parse(text, name=str(path), unit=unit)
+    return parse_file(text, name=str(path), unit=unit, root=root, stretch_m=stretch_m)
 
 
-def parse(text: str, *, name: str = "<text>", unit: str = "m") -> Motion:
-    """Read a motion from BVH text; errors call it ``name``; the rest is as in :func:`read`.
+def parse(
+    text: str, *, name: str = "<text>", unit: str = "m", root: str | None = None, stretch_m: float = STRETCH_M
+) -> Motion:
+    """Read a motion from BVH text; errors call it ``name``; the rest is as in :func:`read_file`.
 
     Raises
     ------
@@ -80,11 +95,20 @@ def parse(text: str, *, name: str = "<text>", unit: str = "m") -> Motion:
     UnknownName
         If the unit is not known.
     """
+    return parse_file(text, name=name, unit=unit, root=root, stretch_m=stretch_m).motion
+
+
+def parse_file(
+    text: str, *, name: str = "<text>", unit: str = "m", root: str | None = None, stretch_m: float = STRETCH_M
+) -> MotionFile:
+    """Read a motion and its report from BVH text; the rest is as in :func:`parse`."""
     if unit not in METRES_PER_UNIT:
         raise UnknownName("unit", unit, METRES_PER_UNIT)
     if len(text) > MAX_FILE_BYTES:
         raise MotionFileError(name, None, f"at most {MAX_FILE_BYTES} bytes", f"{len(text)} characters")
-    return motion_from_text(text, name, METRES_PER_UNIT[unit])
+    tracks, ignored = tracks_from_text(text, name, METRES_PER_UNIT[unit], root)
+    motion, notes, folded = root_motion(tracks, name, root=root, stretch_m=stretch_m)
+    return MotionFile(motion, Report("bvh", (*ignored, *notes), folded))
 
 
 def dump(motion: Motion, *, order: str = "ZXY", decimals: int = 6) -> str:
@@ -130,43 +154,11 @@ def write(motion: Motion, path: str | Path, *, order: str = "ZXY", decimals: int
         If the file cannot be written; and what :func:`dump` raises.
     """
     text = dump(motion, order=order, decimals=decimals)
-    path = Path(path)
-    partial = path.with_name(f".{secrets.token_hex(8)}.tmp")  # same folder: a rename is atomic only there
     try:
-        try:
-            with open(partial, "xb") as file:
-                file.write(text.encode())
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except (OSError, ValueError) as err:  # ValueError: a null byte in the path, half a surrogate in a name
-        raise MotionFileError(path, None, "a file that can be written", _reason(err)) from err
-
-
-def _content(path: str | Path) -> bytes:
-    """Bytes of a regular file of bounded size."""
-    try:
-        with open(path, "rb", opener=_open_without_waiting) as file:
-            status = os.fstat(file.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                raise MotionFileError(path, None, "a regular file", "a device or a pipe")
-            if status.st_size > MAX_FILE_BYTES:
-                raise MotionFileError(path, None, f"at most {MAX_FILE_BYTES} bytes", f"{status.st_size} bytes")
-            content: bytes = file.read(MAX_FILE_BYTES + 1)  # bounded even where the file grows meanwhile
-            return content
-    except (OSError, ValueError) as err:  # ValueError: a null byte in the path
-        raise MotionFileError(path, None, "a file that can be read", _reason(err)) from err
-
-
-def _open_without_waiting(path: str, flags: int) -> int:
-    """Open a path without blocking on a pipe that has no writer."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
-def _reason(err: Exception) -> str:
-    return getattr(err, "strerror", None) or str(err)
+        content = text.encode()
+    except UnicodeEncodeError as err:  # half a surrogate in a name
+        raise MotionFileError(path, None, "a file that can be written", str(err)) from err
+    write_atomically(path, content)
 
 
 def _check_writable(motion: Motion, order: str, decimals: int) -> None:

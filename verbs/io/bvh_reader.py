@@ -1,4 +1,4 @@
-"""The parser of :mod:`verbs.io.bvh`: BVH text in, a checked Motion out.
+"""The parser of :mod:`verbs.io.bvh`: BVH text in, the tracks of all joints out.
 
 Three steps: the header by statements, the motion block as one table, the table through the header's channels.
 """
@@ -13,11 +13,11 @@ import numpy as np
 
 from verbs.conventions import F64, MAX_FRAMES, MAX_JOINTS
 from verbs.errors import MotionFileError
+from verbs.io.joint_tracks import JointTracks
+from verbs.io.report import Note
 from verbs.kernels import quat
-from verbs.motion import Motion
-from verbs.skeleton import Skeleton
 
-__all__ = ["FRAME_TIME_S", "MAX_STATEMENT", "frame_rate", "motion_from_text"]
+__all__ = ["FRAME_TIME_S", "MAX_STATEMENT", "frame_rate", "tracks_from_text"]
 
 _CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
 _CHANNEL_INDEX = {name.lower(): index for index, name in enumerate(_CHANNELS)}
@@ -33,26 +33,34 @@ MAX_STATEMENT = 1_000  # characters; far above any real joint name or channel li
 _MAX_VALUE = 1e9  # larger numbers are not lengths or angles, and their squares could overflow
 _MAX_ROTATIONS = 20_000_000  # frames × joints: 640 MB of quaternions, which a small hostile file could declare
 FRAME_TIME_S = (1e-6, 60.0)
-_STILL_M = 1e-6
 
 
 @dataclass(slots=True)
 class _Joint:
-    """A joint as its header block describes it; ``channels`` are indices into ``_CHANNELS``."""
+    """A joint as its header block describes it; ``channels`` are indices into ``_CHANNELS``, from ``column`` on."""
 
     name: str
+    line: int
     parent: int
+    tree: int
+    column: int = 0
     offset: list[float] = field(default_factory=list)
     channels: list[int] | None = None
 
 
 @dataclass(slots=True)
 class _Header:
-    """Joints, tips as (joint, offset), and the line of each joint's name; all in file order."""
+    """Joints of all trees, tips as (joint, offset), in file order; columns of the table; names of this tree's joints.
+
+    ``tip_channels`` are the joints whose End Site has channels.
+    """
 
     joints: list[_Joint] = field(default_factory=list)
-    lines: dict[str, int] = field(default_factory=dict)
     tips: list[tuple[int, list[float]]] = field(default_factory=list)
+    trees: int = 0
+    columns: int = 0
+    lines: dict[str, int] = field(default_factory=dict)
+    tip_channels: list[int] = field(default_factory=list)
 
 
 class _Text:
@@ -85,18 +93,19 @@ class _Text:
         return value
 
 
-def motion_from_text(text: str, path: str, metres_per_unit: float) -> Motion:
-    """Read a motion from BVH text; errors call it ``path``.
+def tracks_from_text(text: str, path: str, metres_per_unit: float, root: str | None) -> tuple[JointTracks, list[Note]]:
+    """Read the tracks of one hierarchy from BVH text: the one with a joint ``root``, or with the most joints.
 
     Raises
     ------
     MotionFileError
-        If the text is not a strictly valid BVH file.
+        If the text is not a strictly valid BVH file, or two hierarchies are equally large. Errors call it ``path``.
     """
     source = _Text(text, path)
     header = _read_header(source)
     fps, table = _read_motion(source, header)
-    return _to_motion(source, header, fps, table, metres_per_unit)
+    tree, notes = _choose_tree(source, header, root)
+    return _tracks(header, tree, fps, table, metres_per_unit), notes
 
 
 def frame_rate(frame_time_s: float) -> float:
@@ -127,13 +136,25 @@ def _expect(source: _Text, keyword: str, expected: str) -> None:
 
 
 def _read_header(source: _Text) -> _Header:
-    """Everything up to and including MOTION. Open blocks are a list, so that depth is no limit."""
+    """Everything up to and including MOTION."""
     header = _Header()
     _expect(source, "HIERARCHY", "HIERARCHY")
     statement = source.take()
-    keyword, name = _keyword(statement)
-    if keyword != "ROOT":
-        raise source.error("ROOT and a name", _shown(statement))
+    while True:
+        keyword, name = _keyword(statement)
+        if keyword != "ROOT":
+            known = "MOTION or another ROOT after the ROOT block" if header.trees else "ROOT and a name"
+            raise source.error(known, _shown(statement))
+        _read_tree(source, header, name)
+        statement = source.take()
+        if statement.upper() == "MOTION":
+            return header
+
+
+def _read_tree(source: _Text, header: _Header, name: str) -> None:
+    """One ROOT block, whose keyword and name were just taken. Open blocks are a list, so that depth is no limit."""
+    header.trees += 1
+    header.lines = {}
     blocks = [_open_joint(source, header, name, -1)]
     while blocks:
         joint = header.joints[blocks[-1]]
@@ -143,18 +164,17 @@ def _read_header(source: _Text) -> _Header:
         if keyword == "OFFSET" and not joint.offset:
             joint.offset = _offset(source, rest)
         elif keyword == "CHANNELS" and joint.channels is None:
-            joint.channels = _channels(source, joint.name, rest)
+            joint.channels, joint.column = _channels(source, joint.name, rest), header.columns
+            header.columns += len(joint.channels)
         elif keyword == "JOINT" and complete:
             blocks.append(_open_joint(source, header, rest, blocks[-1]))
         elif keyword == "END" and rest.upper() == "SITE" and complete:
-            header.tips.append((blocks[-1], _tip(source, header)))
+            header.tips.append((blocks[-1], _tip(source, header, blocks[-1])))
         elif keyword == "}" and complete:
             blocks.pop()
         else:
             known = "JOINT, End Site or '}'" if complete else "OFFSET and CHANNELS, once each,"
             raise source.error(f"{known} in joint '{joint.name}'", _shown(statement))
-    _expect(source, "MOTION", "MOTION after the one ROOT block")
-    return header
 
 
 def _open_joint(source: _Text, header: _Header, name: str, parent: int) -> int:
@@ -166,7 +186,7 @@ def _open_joint(source: _Text, header: _Header, name: str, parent: int) -> int:
     if name in header.lines:
         raise source.error("joint names that differ", f"{_shown(name)} again, first on line {header.lines[name]}")
     header.lines[name] = source.line
-    header.joints.append(_Joint(name, parent))
+    header.joints.append(_Joint(name, source.line, parent, header.trees - 1))
     _expect(source, "{", f"'{{' after joint {_shown(name)}")
     return len(header.joints) - 1
 
@@ -196,8 +216,8 @@ def _channels(source: _Text, name: str, rest: str) -> list[int]:
     return channels
 
 
-def _tip(source: _Text, header: _Header) -> list[float]:
-    """Offset of an End Site whose keyword was just taken."""
+def _tip(source: _Text, header: _Header, joint: int) -> list[float]:
+    """Offset of an End Site whose keyword was just taken; its channels have columns, and no effect."""
     if len(header.tips) == MAX_JOINTS:
         raise source.error(f"at most {MAX_JOINTS} End Sites", "another one")
     _expect(source, "{", "'{' after End Site")
@@ -206,7 +226,14 @@ def _tip(source: _Text, header: _Header) -> list[float]:
     if keyword != "OFFSET":
         raise source.error("OFFSET of the End Site", _shown(statement))
     offset = _offset(source, rest)
-    _expect(source, "}", "'}' after the End Site's OFFSET")
+    statement = source.take()
+    keyword, rest = _keyword(statement)
+    if keyword == "CHANNELS":
+        header.columns += len(_channels(source, header.joints[joint].name, rest))
+        header.tip_channels.append(joint)
+        statement = source.take()
+    if statement != "}":
+        raise source.error("'}' after the End Site's OFFSET", _shown(statement))
     return offset
 
 
@@ -228,7 +255,7 @@ def _read_motion(source: _Text, header: _Header) -> tuple[float, F64]:
     frame_time_s = source.number(match[1])
     if not FRAME_TIME_S[0] <= frame_time_s <= FRAME_TIME_S[1]:
         raise source.error(f"a frame time of {FRAME_TIME_S[0]} to {FRAME_TIME_S[1]} s", match[1])
-    columns = sum(len(joint.channels or ()) for joint in header.joints)
+    columns = header.columns
     if columns == 0:
         raise source.error("at least one channel in the header", "none")
     start = source.position, source.line
@@ -278,36 +305,66 @@ def _careful_table(source: _Text, frames: int, columns: int, frames_line: int) -
     return np.frombuffer(values, np.float64).reshape(frames, columns)
 
 
-def _to_motion(source: _Text, header: _Header, fps: float, table: F64, scale: float) -> Motion:
-    """Apply every joint's channels to the table."""
-    offsets = scale * np.array([joint.offset for joint in header.joints])
-    rotations = np.zeros((len(table), len(offsets), 4))
+def _choose_tree(source: _Text, header: _Header, root: str | None) -> tuple[int, list[Note]]:
+    """Number of the hierarchy to read, and notes on what is ignored."""
+    trees: list[list[_Joint]] = [[] for _ in range(header.trees)]
+    for joint in header.joints:
+        trees[joint.tree].append(joint)
+    named = [tree for tree, joints in enumerate(trees) if any(joint.name == root for joint in joints)]
+    among = named or list(range(header.trees))
+    chosen = max(among, key=lambda tree: len(trees[tree]))
+    alike = [trees[tree][0].name for tree in among if len(trees[tree]) == len(trees[chosen])]
+    if len(alike) > 1:
+        found = f"{len(alike)} hierarchies with {len(trees[chosen])} joints: {', '.join(alike[:5])}"
+        advice = "name the root to read (root), or put each character into a file of its own"
+        expected = "one hierarchy that is larger than the others"
+        raise MotionFileError(source.path, trees[chosen][0].line, expected, found, advice)
+    notes = []
+    for tree, joints in enumerate(trees):
+        if tree != chosen:
+            name, count = joints[0].name, len(joints)
+            size = f"{count} joint{'s' * (count > 1)}"
+            text = f"hierarchy '{name}' with {size} is ignored; '{trees[chosen][0].name}' is read"
+            notes.append(Note("ignored_root", name, text, float(count)))
+    for index in dict.fromkeys(header.tip_channels):
+        name = header.joints[index].name
+        if header.joints[index].tree == chosen:
+            notes.append(Note("ignored_channels", name, f"channels of the End Site of joint '{name}' are ignored"))
+    return chosen, notes
+
+
+def _tracks(header: _Header, tree: int, fps: float, table: F64, scale: float) -> JointTracks:
+    """Apply the channels of one hierarchy's joints to the table."""
+    chosen = [index for index, joint in enumerate(header.joints) if joint.tree == tree]
+    first = chosen[0]  # the joints of a hierarchy stand in one row
+    joints = [header.joints[index] for index in chosen]
+    offsets = scale * np.array([joint.offset for joint in joints])
+    rotations = np.zeros((len(table), len(joints), 4))
     rotations[..., 3] = 1.0
-    root = np.tile(offsets[0], (len(table), 1))
+    positions: dict[int, F64] = {}
     turning: dict[str, list[tuple[int, list[int]]]] = {}
-    column = 0
-    for index, joint in enumerate(header.joints):
-        channels = {channel: column + place for place, channel in enumerate(joint.channels or ())}
-        column += len(channels)
+    for index, joint in enumerate(joints):
+        channels = {channel: joint.column + place for place, channel in enumerate(joint.channels or ())}
         order = "".join("XYZ"[channel - 3] for channel in channels if channel >= 3)
         if order:
             turning.setdefault(order, []).append((index, [channels["XYZ".index(axis) + 3] for axis in order]))
         axes = [channel for channel in channels if channel < 3]
-        positions = scale * table[:, [channels[axis] for axis in axes]]
-        if index == 0:
-            root[:, axes] = positions
-        elif axes:
-            if (spread := float(np.ptp(positions, axis=0).max())) > _STILL_M:
-                expected = f"constant position channels on joint '{joint.name}' (only the root may move)"
-                raise source.error(expected, f"they vary by {spread:.6g} m", header.lines[joint.name])
-            offsets[index, axes] = positions[0]
-    for order, joints in turning.items():  # all joints of an order in one call; in blocks, to bound memory
-        indices, columns = [index for index, _ in joints], [columns for _, columns in joints]
+        if axes:
+            positions[index] = np.tile(offsets[index], (len(table), 1))
+            positions[index][:, axes] = scale * table[:, [channels[axis] for axis in axes]]
+    for order, rows in turning.items():  # all joints of an order in one call; in blocks, to bound memory
+        indices, columns = [index for index, _ in rows], [columns for _, columns in rows]
         for block in (slice(start, start + 1024) for start in range(0, len(table), 1024)):
             rotations[block, indices] = quat.from_euler(order, np.radians(table[block][:, columns]))
-    offsets[0] = 0.0
-    parents = np.array([joint.parent for joint in header.joints], np.int64)
-    tip_parents = np.array([joint for joint, _ in header.tips], np.int64)
-    tip_offsets = scale * np.array([offset for _, offset in header.tips]).reshape(-1, 3)
-    names = tuple(joint.name for joint in header.joints)
-    return Motion(Skeleton(names, parents, offsets, tip_parents, tip_offsets), fps, root, rotations)
+    tips = [(joint - first, offset) for joint, offset in header.tips if header.joints[joint].tree == tree]
+    return JointTracks(
+        names=tuple(joint.name for joint in joints),
+        parents=np.array([joint.parent - first if joint.parent >= 0 else -1 for joint in joints], np.int64),
+        offsets=offsets,
+        rotations=rotations,
+        positions=positions,
+        tip_parents=np.array([joint for joint, _ in tips], np.int64),
+        tip_offsets=scale * np.array([offset for _, offset in tips]).reshape(-1, 3),
+        fps=fps,
+        places=[joint.line for joint in joints],
+    )

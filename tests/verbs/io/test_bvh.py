@@ -337,5 +337,5 @@ def test_real_capture_survives_writing(mocap):
         np.testing.assert_allclose(again.root, motion.root, atol=1e-6)
 
 
-def test_the_module_exports_its_four_functions():
-    assert bvh.__all__ == ["dump", "parse", "read", "write"]
+def test_the_module_exports_its_six_functions():
+    assert bvh.__all__ == ["dump", "parse", "parse_file", "read", "read_file", "write"]

@@ -154,12 +154,13 @@ def test_constant_position_channels_of_another_joint_become_its_offset():
     np.testing.assert_array_equal(motion.rotations, bvh.parse(VALID).rotations)
 
 
-def test_varying_position_channels_of_another_joint_are_refused():
+def test_position_channels_that_stretch_a_joint_too_far_are_refused():
     with pytest.raises(MotionFileError) as caught:
-        bvh.parse(chest_with_positions("30 20", "30 20.5", "30 20"), unit="cm")
+        bvh.parse(chest_with_positions("30 20", "30 20.5", "30 20"), unit="cm", stretch_m=0.003)
     assert caught.value.line == 6
-    assert caught.value.expected == "constant position channels on joint 'Chest' (only the root may move)"
-    assert caught.value.found == "they vary by 0.005 m"
+    assert caught.value.expected == "joint 'Chest' within 3 mm of its mean offset (stretch_m)"
+    assert caught.value.found == "3.3 mm at frame 1"
+    assert "allow more with stretch_m" in caught.value.advice
 
 
 @pytest.mark.parametrize(
@@ -210,7 +211,7 @@ def too_many(frames: int, row: str) -> tuple[str, str]:
 
 ONE_OF = "one of Xposition, Yposition, Zposition, Xrotation, Yrotation, Zrotation"
 NUMBER = "a number between -1e+09 and 1e+09"
-AFTER_ROOT = "MOTION after the one ROOT block"
+AFTER_ROOT = "MOTION or another ROOT after the ROOT block"
 ONCE = "OFFSET and CHANNELS, once each, in joint 'Chest'"
 NEXT_IN_HIPS, NEXT_IN_CHEST = (f"JOINT, End Site or '}}' in joint '{name}'" for name in ("Hips", "Chest"))
 COUNT = "a number from 0 to 6 after CHANNELS"
@@ -226,7 +227,13 @@ REFUSED = {
     "no root": ("ROOT Hips", "JOINT Hips", 2, "ROOT and a name", "'JOINT Hips'"),
     "root without a name": ("ROOT Hips", "ROOT", 2, "a joint name", "the end of the line"),
     "joint without a name": ("JOINT Chest", "JOINT", 6, "a joint name", "the end of the line"),
-    "second root": ("MOTION", "ROOT Other\n{\n}\nMOTION", 21, AFTER_ROOT, "'ROOT Other'"),
+    "empty second root": (
+        "MOTION",
+        "ROOT Other\n{\n}\nMOTION",
+        23,
+        "OFFSET and CHANNELS, once each, in joint 'Other'",
+        "'}'",
+    ),
     "root inside": ("JOINT Chest", "ROOT Chest", 6, NEXT_IN_HIPS, "'ROOT Chest'"),
     "duplicate name": (
         "JOINT Head",
@@ -254,13 +261,9 @@ REFUSED = {
     "unknown channel": ("3 Xrotation", "3 Wrotation", 9, ONE_OF, "'Wrotation'"),
     "duplicate channel": ("3 X", "3 z", 9, "each channel once on joint 'Chest'", "Zrotation twice"),
     "tip without offset": ("OFFSET 0 0.2 0", "", 17, "OFFSET of the End Site", "'}'"),
-    "tip with channels": (
-        "0.2 0\n",
-        "0.2 0\nCHANNELS 0\n",
-        17,
-        "'}' after the End Site's OFFSET",
-        "'CHANNELS 0'",
-    ),
+    "tip with a child": ("0.2 0\n", "0.2 0\nJOINT x\n", 17, "'}' after the End Site's OFFSET", "'JOINT x'"),
+    "tip with wrong channels": ("0.2 0\n", "0.2 0\nCHANNELS 1 up\n", 17, ONE_OF, "'up'"),
+    "tip with channels without values": ("0.2 0\n", "0.2 0\nCHANNELS 1 Xrotation\n", 25, "13 values", "12"),
     "tip without brace": ("Site\n      {", "Site", 15, "'{' after End Site", "'OFFSET 0 0.2 0'"),
     "endless line": ("Chest", "x" * 5000, 6, "at most 1000 characters on a header line", "more"),
     "no motion section": (VALID[VALID.index("MOTION") :], "", 20, AFTER_ROOT, END),

@@ -5,8 +5,6 @@ Stages: read → mend → check → align and warp → fit curves → solve the 
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -17,14 +15,14 @@ import numpy as np
 from verbs.authoring import apex, basis, charts, curves
 from verbs.authoring.measuring import measure_of
 from verbs.authoring.mending import mended
+from verbs.authoring.reading import Progress, read_motions
 from verbs.authoring.source import TAILS, Source, SourceExample, read
 from verbs.authoring.stated_contacts import contacts_of
 from verbs.blend.methods import default_method
 from verbs.conventions import F64
 from verbs.domain import describe, random_points
-from verbs.errors import IllPosedVerb, MotionFileError, SourceError
+from verbs.errors import IllPosedVerb, SourceError
 from verbs.goal import Goal, diagonal
-from verbs.io import bvh
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
 from verbs.motion import Motion
@@ -46,9 +44,6 @@ IN_PLACE_M = 0.15
 """A jump shorter than this does not count for the range of directions."""
 
 NEAR_DUPLICATE = 1e-9
-
-Progress = Callable[[str, int, int], None]
-"""Called with the name of a stage, the steps done and the steps there are."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,8 +91,8 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     """
     report = progress or (lambda stage, done, total: None)
     source = read(folder)
-    read_motions, digests = _read_motions(source, report)
-    fixed = mended(source, read_motions)
+    motions, digests, notes = read_motions(source, report)
+    fixed = mended(source, motions)
     source, motions = fixed.source, fixed.motions
     keytimes = np.array([_checked_keytimes(source, e, m) for e, m in zip(source.examples, motions, strict=True)])
     source, keytimes = apex.mark(source, motions, keytimes)
@@ -139,31 +134,8 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
         "built_by": f"adverb {metadata.version('adverb')}",
         **({"mends": fixed.rows} if fixed.rows else {}),
     }
-    lines = (*source.warnings, *fixed.warnings, *fitted.warnings, *warnings)
+    lines = (*source.warnings, *notes, *fixed.warnings, *fitted.warnings, *warnings)
     return Built(replace(verb, quality=quality, provenance=provenance), lines, worst)
-
-
-def _read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[str]]:
-    motions: list[Motion] = []
-    digests: list[str] = []
-    for k, example in enumerate(source.examples):
-        report("reading motions", k, len(source.examples))
-        if not example.file.is_file():
-            raise SourceError(source.path, f"its file '{example.file.name}' does not exist", example=example.name)
-        try:
-            motion = bvh.read(example.file, unit=source.length_unit)
-        except MotionFileError as err:
-            raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
-        if not motions and source.root and motion.skeleton.names[0] != source.root:
-            raise SourceError(
-                source.path,
-                f"root is '{source.root}', but the motion's root joint is '{motion.skeleton.names[0]}'",
-                example=example.name,
-            )
-        motions.append(motion)
-        digests.append(hashlib.sha256(example.file.read_bytes()).hexdigest())
-    report("reading motions", len(source.examples), len(source.examples))
-    return motions, digests
 
 
 def _checked_keytimes(source: Source, example: SourceExample, motion: Motion) -> F64:

@@ -117,8 +117,8 @@ def root_motion(
     notes: list[Note] = []
     folded: list[Folded] = []
     if root is not None and root not in tracks.names:
-        shown = ", ".join(tracks.names[:5])
-        raise MotionFileError(path, None, f"a joint '{root}' that becomes the root", f"{shown}, …", "name one of these")
+        shown = ", ".join(tracks.names[:5]) + ", …" * (len(tracks.names) > 5)
+        raise MotionFileError(path, None, f"a joint '{root}' that becomes the root", shown, "name one of the joints")
     while (child := _next_root(tracks, root, stretch_m)) is not None:
         folded.append(Folded(tracks.names[0], tracks.local(0), tracks.rotations[:, 0]))
         tracks = _folded(tracks, child, path, notes)
@@ -215,12 +215,13 @@ def _fixed(tracks: JointTracks, joint: int, path: str, stretch_m: float, notes: 
         return np.asarray(track[0])
     stretch, frame = _deviation(tracks, joint)
     if stretch > stretch_m:
+        folded = f"make it the root (root = '{name}'), " * int(tracks.parents[joint] == 0)
         raise MotionFileError(
             path,
             tracks.places[joint],
             f"joint '{name}' within {1000.0 * stretch_m:g} mm of its mean offset (stretch_m)",
             f"{1000.0 * stretch:.1f} mm at frame {frame}",
-            "allow more with stretch_m, or remove its position channels where the file was made",
+            f"{folded}allow more with stretch_m, or remove its position channels where the file was made",
         )
     text = f"joint '{name}' stretches by up to {1000.0 * stretch:.2f} mm (frame {frame}); its mean offset is kept"
     notes.append(Note("stretch", name, text, stretch))

@@ -189,8 +189,8 @@ def test_an_unknown_effector_lists_the_joints(source):
         build(edit(source, 'effector = "Hand"', 'effector = "Nose"'))
 
 
-def test_another_root_is_refused(source):
-    with pytest.raises(SourceError, match="root is 'Hips', but the motion's root joint is 'Upper'"):
+def test_a_root_that_no_motion_has_is_refused(source):
+    with pytest.raises(SourceError, match="a joint 'Hips' that becomes the root, found Upper, Lower, Hand"):
         build(edit(source, 'name = "arm"', 'name = "arm"\nroot = "Hips"'))
 
 

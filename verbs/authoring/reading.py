@@ -1,0 +1,72 @@
+"""Read the motions of a source's examples, and state what reading changed."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+
+from verbs.authoring.source import Source, SourceExample
+from verbs.errors import MotionFileError, SourceError
+from verbs.io import motion_files
+from verbs.io.motion_files import MotionFile
+from verbs.motion import Motion
+
+__all__ = ["Progress", "read_motions"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of a stage, the steps done and the steps there are."""
+
+
+def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[str], list[str]]:
+    """Read the motions of all examples.
+
+    Parameters
+    ----------
+    source : Source
+    report : callable
+        Called with the name of a stage, the steps done and the steps there are.
+
+    Returns
+    -------
+    motions : list of Motion, length N
+    digests : list of str, length N
+        SHA-256 of the files.
+    warnings : list of str
+        What reading changed.
+
+    Raises
+    ------
+    SourceError
+        A file is missing or invalid; names the example.
+    """
+    files: list[MotionFile] = []
+    for k, example in enumerate(source.examples):
+        report("reading motions", k, len(source.examples))
+        if not example.file.is_file():
+            raise SourceError(source.path, f"its file '{example.file.name}' does not exist", example=example.name)
+        files.append(_read_motion(source, example, source.root))
+    roots = [file.motion.skeleton.names[0] for file in files if file.report.folded]
+    for k, (example, file) in enumerate(zip(source.examples, files, strict=True)):
+        if roots and roots[0] in file.motion.skeleton.names[1:]:  # hips that happen to stay in this clip
+            files[k] = _read_motion(source, example, roots[0])
+    motions = [file.motion for file in files]
+    digests = [hashlib.sha256(example.file.read_bytes()).hexdigest() for example in source.examples]
+    report("reading motions", len(source.examples), len(source.examples))
+    return motions, digests, _notes(source, files)
+
+
+def _read_motion(source: Source, example: SourceExample, root: str | None) -> MotionFile:
+    try:
+        return motion_files.read(example.file, unit=source.length_unit, root=root)
+    except MotionFileError as err:
+        raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
+
+
+def _notes(source: Source, files: list[MotionFile]) -> list[str]:
+    """What reading changed, each sentence once with the examples that it is about."""
+    about: dict[str, list[str]] = {}
+    for example, file in zip(source.examples, files, strict=True):
+        for text in file.report.changes:
+            about.setdefault(text, []).append(example.name)
+    others = [f" and {len(names) - 1} others" * (len(names) > 1) for names in about.values()]
+    return [f"example '{names[0]}'{more}: {text}" for (text, names), more in zip(about.items(), others, strict=True)]

@@ -1,0 +1,74 @@
+"""Reads motion files of every format: one function, one result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from verbs.conventions import METRES_PER_UNIT
+from verbs.errors import MotionFileError, UnknownName
+from verbs.io import bvh
+from verbs.io.joint_tracks import STRETCH_M
+from verbs.io.report import Folded, Marks, MotionFile, Note, NoteKind, Report
+
+__all__ = ["ENDINGS", "Folded", "Marks", "MotionFile", "Note", "NoteKind", "Report", "read"]
+
+
+def _read_bvh(path: Path, unit: str, root: str | None, stretch_m: float, clip: str | int | None) -> MotionFile:
+    if clip not in (None, 0, ""):
+        raise MotionFileError(path, None, "no choice of a clip: a BVH file holds one motion", f"clip {clip!r:.60}")
+    return bvh.read_file(path, unit=unit, root=root, stretch_m=stretch_m)
+
+
+_READERS: dict[str, Callable[[Path, str, str | None, float, str | int | None], MotionFile]] = {
+    ".bvh": _read_bvh,
+}
+
+ENDINGS = tuple(_READERS)
+"""Endings of the files that :func:`read` takes, in lower case."""
+
+
+def read(
+    path: str | Path,
+    *,
+    unit: str = "m",
+    root: str | None = None,
+    stretch_m: float = STRETCH_M,
+    clip: str | int | None = None,
+) -> MotionFile:
+    """Read a motion file of any format, by its ending.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``.bvh`` file.
+    unit : str
+        The file's unit of length, a key of ``conventions.METRES_PER_UNIT``.
+    root : str, optional
+        Joint that becomes the root; those above it are folded into it. Default: see
+        :func:`verbs.io.joint_tracks.root_motion`.
+    stretch_m : float
+        Largest distance of a joint from its mean offset that is dropped, metres.
+    clip : str or int, optional
+        Name or index of the animation, where a file holds several. Default: the only one.
+
+    Returns
+    -------
+    file : MotionFile
+        The motion in metres, and the report.
+
+    Raises
+    ------
+    MotionFileError
+        The file is invalid, or its ending is not known; with path, place, expected, found and what to do.
+    UnknownName
+        The unit is not known.
+    """
+    path = Path(path)
+    if unit not in METRES_PER_UNIT:
+        raise UnknownName("unit", unit, METRES_PER_UNIT)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        found = f"the ending '{path.suffix}'" if path.suffix else "no ending"
+        raise MotionFileError(path, None, f"a file that ends in {' or '.join(ENDINGS)}", found, "convert it first")
+    return reader(path, unit, root, stretch_m, clip)

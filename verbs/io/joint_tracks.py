@@ -87,7 +87,7 @@ class JointTracks:
 
 
 def root_motion(
-    tracks: JointTracks, path: str, *, root: str | None = None, stretch_m: float = STRETCH_M
+    tracks: JointTracks, path: str, *, root: str | None = None, stretch_m: float = STRETCH_M, above: int = 0
 ) -> tuple[Motion, list[Note], tuple[Folded, ...]]:
     """Fold, fix and check moving joints.
 
@@ -101,6 +101,8 @@ def root_motion(
         the file's root to its first branch.
     stretch_m : float
         Largest distance of a joint from its mean offset that is dropped.
+    above : int
+        So many joints at the start are folded in any case: a chain that only carries the body.
 
     Returns
     -------
@@ -119,7 +121,7 @@ def root_motion(
     if root is not None and root not in tracks.names:
         shown = ", ".join(tracks.names[:5]) + ", …" * (len(tracks.names) > 5)
         raise MotionFileError(path, None, f"a joint '{root}' that becomes the root", shown, "name one of the joints")
-    while (child := _next_root(tracks, root, stretch_m)) is not None:
+    while (child := 1 if len(folded) < above else _next_root(tracks, root, stretch_m)) is not None:
         folded.append(Folded(tracks.names[0], tracks.local(0), tracks.rotations[:, 0]))
         tracks = _folded(tracks, child, path, notes)
     offsets = tracks.offsets.copy()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from verbs.conventions import METRES_PER_UNIT
 from verbs.errors import MotionFileError, UnknownName
-from verbs.io import bvh
+from verbs.io import bvh, gltf
 from verbs.io.joint_tracks import STRETCH_M
 from verbs.io.report import Folded, Marks, MotionFile, Note, NoteKind, Report
 
@@ -20,8 +20,14 @@ def _read_bvh(path: Path, unit: str, root: str | None, stretch_m: float, clip: s
     return bvh.read_file(path, unit=unit, root=root, stretch_m=stretch_m)
 
 
+def _read_gltf(path: Path, unit: str, root: str | None, stretch_m: float, clip: str | int | None) -> MotionFile:
+    return gltf.read_file(path, unit=unit, root=root, stretch_m=stretch_m, clip=clip)
+
+
 _READERS: dict[str, Callable[[Path, str, str | None, float, str | int | None], MotionFile]] = {
     ".bvh": _read_bvh,
+    ".glb": _read_gltf,
+    ".gltf": _read_gltf,
 }
 
 ENDINGS = tuple(_READERS)
@@ -41,7 +47,7 @@ def read(
     Parameters
     ----------
     path : str or Path
-        A ``.bvh`` file.
+        A ``.bvh``, ``.glb`` or ``.gltf`` file.
     unit : str
         The file's unit of length, a key of ``conventions.METRES_PER_UNIT``.
     root : str, optional
@@ -70,5 +76,5 @@ def read(
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         found = f"the ending '{path.suffix}'" if path.suffix else "no ending"
-        raise MotionFileError(path, None, f"a file that ends in {' or '.join(ENDINGS)}", found, "convert it first")
+        raise MotionFileError(path, None, f"a file that ends in {', '.join(ENDINGS)}", found, "convert it first")
     return reader(path, unit, root, stretch_m, clip)

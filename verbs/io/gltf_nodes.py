@@ -1,0 +1,219 @@
+"""The node hierarchy of a glTF file, and the nodes of it that are the joints of a skeleton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from verbs.conventions import F64, MAX_JOINTS
+from verbs.io.gltf_document import Document, Row, shown
+from verbs.io.report import Note
+
+__all__ = ["Joints", "Node", "choose_joints", "depth_first", "read_nodes"]
+
+_BULKY = ("mesh", "camera", "skin")
+_SHEAR = 1e-4
+
+
+@dataclass(slots=True)
+class Node:
+    """One node: its transform as translation (3,), rotation (4,) and scale (3,); children; -1 for no parent."""
+
+    name: str
+    translation: F64
+    rotation: F64
+    scale: F64
+    children: list[int]
+    bulky: bool
+    parent: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Joints:
+    """Nodes that are joints, in depth-first order; the first ``above`` of them only carry the body.
+
+    ``fixed`` are the nodes above the first joint, outermost first; ``tips`` are nodes without rotation of their own.
+    """
+
+    nodes: tuple[int, ...]
+    above: int
+    fixed: tuple[int, ...]
+    tips: tuple[int, ...]
+    notes: tuple[Note, ...]
+
+
+def read_nodes(document: Document) -> list[Node]:
+    """All nodes, checked to be trees.
+
+    Raises
+    ------
+    MotionFileError
+        A node has two parents, or is below itself.
+    """
+    rows = document.rows("nodes")
+    nodes = [_node(document, row, f"nodes[{index}]", len(rows)) for index, row in enumerate(rows)]
+    for index, node in enumerate(nodes):
+        for child in node.children:
+            if nodes[child].parent >= 0 or child == index:
+                document.fail(f"nodes[{child}]", "one parent", f"nodes {nodes[child].parent} and {index}")
+            nodes[child].parent = index
+    reached = _forest(nodes)
+    if len(reached) < len(nodes):
+        index = min(set(range(len(nodes))) - set(reached))
+        document.fail(f"nodes[{index}]", "a tree", "a node that is below itself")
+    return nodes
+
+
+def _node(document: Document, row: Row, place: str, count: int) -> Node:
+    translation = np.array(document.numbers(row, "translation", place, (0.0, 0.0, 0.0)))
+    rotation = np.array(document.numbers(row, "rotation", place, (0.0, 0.0, 0.0, 1.0)))
+    scale = np.array(document.numbers(row, "scale", place, (1.0, 1.0, 1.0)))
+    if "matrix" in row:
+        columns = np.array(document.numbers(row, "matrix", place, tuple(np.eye(4).ravel()))).reshape(4, 4)
+        translation, (rotation, scale) = columns[3, :3], _decomposed(document, columns[:3, :3].T, place)
+    length = float(np.linalg.norm(rotation))
+    if not 0.5 <= length <= 2.0:
+        document.fail(place, "a unit quaternion as rotation", shown(rotation.tolist()))
+    if not np.all((scale > 1e-9) & (scale < 1e9)):
+        advice = "apply the scale where the file was made, and export it again"
+        document.fail(place, "a positive scale", shown(scale.tolist()), advice)
+    if np.abs(translation).max() > 1e9:
+        document.fail(place, "a translation up to 1e9", shown(translation.tolist()))
+    children = document.indices(row, "children", place, count)
+    name = " ".join(document.text(row, "name", place).split()) or place
+    return Node(name[:200], translation, rotation / length, scale, children, any(key in row for key in _BULKY))
+
+
+def _decomposed(document: Document, matrix: F64, place: str) -> tuple[F64, F64]:
+    """Rotation (4,) and scale (3,) of a matrix (3, 3) without shear or mirroring."""
+    scale = np.linalg.norm(matrix, axis=0)
+    if not (scale > 1e-9).all() or np.linalg.det(matrix / scale) < 0.5:
+        document.fail(place, "a matrix of rotation and positive scale", shown(matrix.tolist()))
+    pure = matrix / scale
+    if np.abs(pure.T @ pure - np.eye(3)).max() > _SHEAR:
+        advice = "apply the transform where the file was made, and export it again"
+        document.fail(place, "a matrix without shear", shown(matrix.tolist()), advice)
+    return _from_matrix(pure), scale
+
+
+def _from_matrix(matrix: F64) -> F64:
+    """Unit quaternion of a rotation matrix (3, 3)."""
+    sums = np.array(
+        [
+            [matrix[0, 0] - matrix[1, 1] - matrix[2, 2], 0, 0, 0],
+            [matrix[0, 1] + matrix[1, 0], matrix[1, 1] - matrix[0, 0] - matrix[2, 2], 0, 0],
+            [matrix[0, 2] + matrix[2, 0], matrix[1, 2] + matrix[2, 1], matrix[2, 2] - matrix[0, 0] - matrix[1, 1], 0],
+            [matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1], np.trace(matrix)],
+        ]
+    )
+    return np.asarray(np.linalg.eigh(sums)[1][:, -1])  # the eigenvector of the largest eigenvalue
+
+
+def depth_first(nodes: list[Node], root: int, within: set[int]) -> list[int]:
+    """Nodes of a set from a root down, parents before children."""
+    found, waiting = [], [root]
+    while waiting:
+        index = waiting.pop()
+        found.append(index)
+        waiting += [child for child in reversed(nodes[index].children) if child in within]
+    return found
+
+
+def choose_joints(document: Document, nodes: list[Node], animated: set[int], root: str | None) -> Joints:
+    """The joints: those of the skins, or, without a skin, the animated nodes and what hangs on them.
+
+    Of several trees of joints the one with a node ``root``, or with the most joints, counts. Animated nodes above it
+    come first; fixed ones give its transform.
+
+    Raises
+    ------
+    MotionFileError
+        There are no joints, too many, or two trees are equally large.
+    """
+    skinned = _skinned(document, len(nodes))
+    members = skinned or _moving(nodes, animated)
+    if not members:
+        document.fail("skins", "a skin, or an animation of nodes", "neither", "export the animated skeleton")
+    members = _closed(nodes, members)
+    tops = [index for index in sorted(members) if nodes[index].parent not in members]
+    trees = {top: depth_first(nodes, top, members) for top in tops}
+    named = [top for top in tops if any(nodes[index].name == root for index in trees[top])]
+    among = named or tops
+    top = max(among, key=lambda index: len(trees[index]))
+    alike = [nodes[index].name for index in among if len(trees[index]) == len(trees[top])]
+    if len(alike) > 1:
+        found = f"{len(alike)} trees of {len(trees[top])} joints: {', '.join(alike[:5])}"
+        document.fail("nodes", "one tree of joints larger than the others", found, "name the root to read (root)")
+    chain = _chain(nodes, top)
+    first = next((k for k, index in enumerate(chain) if index in animated), len(chain))
+    joints = (*chain[first:], *trees[top])
+    if len(joints) > MAX_JOINTS:
+        document.fail("nodes", f"at most {MAX_JOINTS} joints", str(len(joints)))
+    notes = tuple(
+        Note(
+            "ignored_root",
+            nodes[index].name,
+            f"joints from '{nodes[index].name}' down ({len(trees[index])}) are ignored; '{nodes[top].name}' is read",
+            float(len(trees[index])),
+        )
+        for index in tops
+        if index != top
+    )
+    return Joints(joints, len(chain) - first, tuple(chain[:first]), _tips(nodes, trees[top]), notes)
+
+
+def _skinned(document: Document, count: int) -> set[int]:
+    members: set[int] = set()
+    for index, skin in enumerate(document.rows("skins")):
+        members.update(document.indices(skin, "joints", f"skins[{index}]", count))
+    return members
+
+
+def _forest(nodes: list[Node]) -> list[int]:
+    """Nodes of all trees, parents before children."""
+    everything = set(range(len(nodes)))
+    return [k for root, node in enumerate(nodes) if node.parent < 0 for k in depth_first(nodes, root, everything)]
+
+
+def _moving(nodes: list[Node], animated: set[int]) -> set[int]:
+    """Animated nodes and all below them, but for meshes and cameras that stay at the end of a branch."""
+    below: set[int] = set()
+    for index in _forest(nodes):
+        if index in animated or nodes[index].parent in below:
+            below.add(index)
+    return {k for k in below if k in animated or nodes[k].children or not nodes[k].bulky}
+
+
+def _closed(nodes: list[Node], members: set[int]) -> set[int]:
+    """Members and all nodes between two of them on one branch."""
+    order = _forest(nodes)
+    under: set[int] = set()
+    over: set[int] = set()
+    for index in order:
+        if index in members or nodes[index].parent in under:
+            under.add(index)
+    for index in reversed(order):
+        if index in members or index in over:
+            over.update({index, nodes[index].parent} - {-1})
+    return under & over
+
+
+def _chain(nodes: list[Node], index: int) -> list[int]:
+    """Nodes above one, the outermost first."""
+    chain = []
+    while (index := nodes[index].parent) >= 0:
+        chain.append(index)
+    return chain[::-1]
+
+
+def _tips(nodes: list[Node], joints: list[int]) -> tuple[int, ...]:
+    """Plain nodes that end a branch: they hang on a joint without children that are joints."""
+    members = set(joints)
+    ends = [index for index in joints if not members & set(nodes[index].children)]
+    return tuple(
+        child
+        for index in ends
+        for child in nodes[index].children
+        if not nodes[child].bulky and not nodes[child].children
+    )

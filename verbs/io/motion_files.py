@@ -7,7 +7,7 @@ from pathlib import Path
 
 from verbs.conventions import METRES_PER_UNIT
 from verbs.errors import MotionFileError, UnknownName
-from verbs.io import bvh, gltf
+from verbs.io import bvh, gltf, npz
 from verbs.io.joint_tracks import STRETCH_M
 from verbs.io.report import Folded, Marks, MotionFile, Note, NoteKind, Report
 
@@ -24,10 +24,17 @@ def _read_gltf(path: Path, unit: str, root: str | None, stretch_m: float, clip: 
     return gltf.read_file(path, unit=unit, root=root, stretch_m=stretch_m, clip=clip)
 
 
+def _read_npz(path: Path, unit: str, root: str | None, stretch_m: float, clip: str | int | None) -> MotionFile:
+    if clip not in (None, 0, ""):
+        raise MotionFileError(path, None, "no choice of a clip: an .npz file holds one motion", f"clip {clip!r:.60}")
+    return npz.read_file(path, unit=unit, root=root, stretch_m=stretch_m)
+
+
 _READERS: dict[str, Callable[[Path, str, str | None, float, str | int | None], MotionFile]] = {
     ".bvh": _read_bvh,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,
+    ".npz": _read_npz,
 }
 
 ENDINGS = tuple(_READERS)
@@ -47,7 +54,7 @@ def read(
     Parameters
     ----------
     path : str or Path
-        A ``.bvh``, ``.glb`` or ``.gltf`` file.
+        A ``.bvh``, ``.glb``, ``.gltf`` or ``.npz`` file.
     unit : str
         The file's unit of length, a key of ``conventions.METRES_PER_UNIT``.
     root : str, optional

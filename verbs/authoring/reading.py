@@ -57,7 +57,7 @@ def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[s
 
 def _read_motion(source: Source, example: SourceExample, root: str | None) -> MotionFile:
     try:
-        return motion_files.read(example.file, unit=source.length_unit, root=root)
+        return motion_files.read(example.file, unit=source.length_unit, root=root, clip=example.clip or None)
     except MotionFileError as err:
         raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
 

@@ -38,7 +38,7 @@ _KEYS = {
 
 _TABLE_KEYS = {
     "adverb": {"name", "unit", "description", "style"},
-    "example": {"file", "keytimes", "adverb_values"},
+    "example": {"file", "clip", "keytimes", "adverb_values"},
     "units": {"length", "time", "adverb_angle"},
     "goal": {"origin", "axes"},
     "contact": {"joint", "part", "intervals"},
@@ -63,16 +63,17 @@ class SourceAdverb:
 
 @dataclass(frozen=True, slots=True)
 class SourceExample:
-    """One ``[[example]]``: its file, keytimes in seconds, adverb values."""
+    """One ``[[example]]``: its file, keytimes in seconds, adverb values, and the animation if the file has several."""
 
     file: Path
     keytimes: tuple[float, ...]
     values: tuple[float, ...]
+    clip: str = ""
 
     @property
     def name(self) -> str:
-        """Name of the example: its file's, without the ending."""
-        return self.file.stem
+        """Name of the example: its animation's, or its file's without the ending."""
+        return self.clip or self.file.stem
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,7 +320,8 @@ def _example(
     path = (folder / file).resolve()
     if not file or not path.is_relative_to(folder):
         raise SourceError(reader.path, f"example {index} names the file '{file}'; it must lie in the verb's own folder")
-    where = path.stem
+    clip = reader.text(row, "clip", default="")
+    where = clip or path.stem
     keytimes = reader.numbers(row, "keytimes", len(keytime_names), "keytime names", where)
     for m in range(1, len(keytimes)):
         if keytimes[m] <= keytimes[m - 1]:
@@ -329,7 +331,7 @@ def _example(
                 f"'{keytime_names[m - 1]}' ({keytimes[m - 1]} s)",
                 example=where,
             )
-    return SourceExample(path, keytimes, reader.numbers(row, "adverb_values", adverbs, "adverbs", where))
+    return SourceExample(path, keytimes, reader.numbers(row, "adverb_values", adverbs, "adverbs", where), clip)
 
 
 def _check_examples(path: Path, examples: tuple[SourceExample, ...]) -> None:

@@ -1,12 +1,15 @@
 import re
+import shutil
 
 import numpy as np
 import pytest
 
-from tests.verbs.sources import ANGLES, arm_motion, arm_source, example_row, hand, write_source
+from tests.verbs.gltf_files import Gltf
+from tests.verbs.sources import ANGLES, SKELETON, arm_motion, arm_source, example_row, hand, write_source
 from verbs.authoring.fit import build
 from verbs.authoring.source import read
 from verbs.errors import IllPosedVerb, SkeletonMismatch, SourceError, VerbError
+from verbs.io import bvh, npz
 from verbs.skeleton import Skeleton
 
 
@@ -215,3 +218,35 @@ def test_every_error_of_a_random_mutation_is_typed(source):
             read(source)
         except VerbError:
             continue
+
+
+def test_a_source_may_hold_motions_of_every_kind(tmp_path):
+    arm_source(tmp_path / "bvh")
+    plain = build(tmp_path / "bvh").verb
+    text = (tmp_path / "bvh" / "verb.toml").read_text()
+    folder = tmp_path / "mixed"
+    shutil.copytree(tmp_path / "bvh", folder)
+    source = Gltf()
+    joints: list[int] = []
+    for k, (name, offset) in enumerate(zip(SKELETON.names, SKELETON.offsets.tolist(), strict=True)):
+        joints.append(source.node(name, joints[k - 1] if k else None, translation=offset))
+    for name in ("c", "d"):
+        motion = bvh.read(folder / f"{name}.bvh")
+        clip, times = source.animation(name), np.arange(len(motion)) / motion.fps
+        for joint in joints:
+            source.channel(clip, joint, "rotation", times, motion.rotations[:, joint])
+        (folder / f"{name}.bvh").unlink()
+        text = text.replace(f'file = "{name}.bvh"', f'file = "two.glb"\nclip = "{name}"')
+    source.write(folder / "two.glb")
+    npz.write(bvh.read(folder / "e.bvh"), folder / "e.npz")
+    (folder / "e.bvh").unlink()
+    (folder / "verb.toml").write_text(text.replace("e.bvh", "e.npz"))
+    mixed = build(folder).verb
+    assert mixed.examples == plain.examples
+    np.testing.assert_allclose(mixed.values, plain.values, atol=1e-6)
+    np.testing.assert_allclose(mixed.curves, plain.curves, atol=1e-5)
+
+
+def test_a_clip_that_a_file_lacks_names_the_example(source):
+    with pytest.raises(SourceError, match="example 'walk'.*a BVH file holds one motion"):
+        build(edit(source, 'file = "c.bvh"', 'file = "c.bvh"\nclip = "walk"'))

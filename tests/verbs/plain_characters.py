@@ -222,13 +222,16 @@ class Plain:
 
     def _world(self) -> tuple[float, float, float]:
         last = self.frames[1]
-        turn = self.position[3] if self.source.striding else transition.heading(last[3:7])
+        turn = self.position[3] if self.source.striding else self._heading(last[3:7])
         return float(last[0]), float(last[2]), float(turn)
+
+    def _heading(self, rotation: np.ndarray) -> float:
+        return transition.heading(rotation, transition.root_frame(self.source.evaluator))
 
     def _stand(self, at: tuple[float, float, float]) -> None:
         self.position = self.position * np.array([0.0, 1.0, 0.0, 0.0])
         first = self._ahead()[0]
-        turn = 0.0 if self.source.striding else transition.heading(first[3:7])
+        turn = 0.0 if self.source.striding else self._heading(first[3:7])
         x, z, heading = transition.aligned(at, np.array([first[0], first[2], turn]))
         self.position = np.array([x, self.position[1], z, heading])
 

@@ -175,8 +175,12 @@ def _rises(planar: F64, seconds: F64, rise_m: float) -> F64:
 
 
 def _heading_change(rotations: F64) -> float:
-    """Change of heading, radians, from the first to the last root rotation (F, 4); full revolutions count."""
-    yaw = 2.0 * np.unwrap(np.arctan2(rotations[:, 1], rotations[:, 3]))
+    """Change of heading, radians, from the first to the last root rotation (F, 4); full revolutions count.
+
+    It is the part about +Y of the rotation since the first frame, which does not depend on the root's local axes.
+    """
+    since = quat.mul(rotations, quat.conjugate(rotations[0]))
+    yaw = 2.0 * np.unwrap(np.arctan2(since[:, 1], since[:, 3]))
     return float(yaw[-1] - yaw[0])
 
 
@@ -193,7 +197,8 @@ def _closed(cycle: F64) -> F64:
     """
     last = quat.align(cycle[-1], cycle[0]) if cycle.ndim == 3 else cycle[-1]
     gap = cycle[0] - last
-    spread = np.where(np.abs(gap) > 1e-3, gap, 0.0)
+    size = np.linalg.norm(gap, axis=-1, keepdims=True) if cycle.ndim == 3 else np.abs(gap)
+    spread = np.where(size > 1e-3, gap, 0.0)  # whole rotations: components depend on the local axes
     share = np.linspace(0.0, 1.0, len(cycle)).reshape(-1, *[1] * (cycle.ndim - 1))
     closed = cycle + share * spread
     closed[-1] = cycle[0]

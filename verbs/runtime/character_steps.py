@@ -84,7 +84,7 @@ class CharacterSteps(CharacterPool):
     def world(self, slot: int) -> tuple[float, float, float]:
         """Position of a character's root in its last frame: x, z (m) and heading (rad)."""
         last = self._displayed(np.array([slot]))[0, 1]
-        turn = float(self.state["heading"][slot]) if self.striding else transition.heading(last[3:7])
+        turn = float(self.state["heading"][slot]) if self.striding else self._heading(last[3:7])
         return float(last[0]), float(last[2]), turn
 
     def _move(self, crowd: Crowd, slots: I64, step_s: float) -> tuple[Advanced, tuple[int, int, int]]:
@@ -115,8 +115,12 @@ class CharacterSteps(CharacterPool):
         row = self.state[slot]
         row["x"] = row["z"] = row["heading"] = 0.0
         first = self._ahead(np.array([slot]))[0, 0]
-        turn = 0.0 if self.striding else transition.heading(first[3:7])
+        turn = 0.0 if self.striding else self._heading(first[3:7])
         row["x"], row["z"], row["heading"] = transition.aligned(at, np.array([first[0], first[2], turn]))
+
+    def _heading(self, rotation: F64) -> float:
+        """Heading (rad) of a root rotation (4,) of this verb."""
+        return transition.heading(rotation, transition.root_frame(self.evaluator))
 
     def _hold_feet(self, slots: I64, chosen: I64, step_s: float, progress: Records) -> None:
         """Write where the feet of the characters ``slots[chosen]`` are in this frame."""

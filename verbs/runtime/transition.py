@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from verbs.clips import orientation
 from verbs.conventions import F64
 from verbs.errors import SkeletonMismatch
 from verbs.kernels import pose as poses
@@ -20,7 +21,7 @@ from verbs.skeleton import Skeleton
 from verbs.verb import Verb
 
 __all__ = ["CANDIDATES", "LONGEST_S", "SHORTEST_S", "aligned", "check_skeletons", "closest_phase",
-           "corresponding_phase", "example_peaks", "heading", "length_s", "peak"]  # fmt: skip
+           "corresponding_phase", "example_peaks", "heading", "length_s", "peak", "root_frame"]  # fmt: skip
 
 SHORTEST_S, LONGEST_S = 0.3, 1.0
 """Lengths between which a transition's own length is chosen."""
@@ -36,6 +37,10 @@ LEAST_M_S2 = 1.0
 """Acceleration that a motion may have in any case."""
 
 _PEAKS: WeakKeyDictionary[Evaluator, F64] = WeakKeyDictionary()
+
+_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
+
+_FRAMES: WeakKeyDictionary[Evaluator, F64] = WeakKeyDictionary()
 
 CANDIDATES = 24
 """Phases of a loop that are compared to find where it begins."""
@@ -78,11 +83,12 @@ def closest_phase(displayed: F64, step_s: float, evaluator: Evaluator, blend: Bl
     starts, skeleton = np.arange(CANDIDATES) / CANDIDATES, evaluator.verb.skeleton
     first = evaluator.pose_of(blend, phase=starts, plant=False)
     second = evaluator.pose_of(blend, time_s=first.time_s + step_s, plant=False)
-    here = _in_frame(_positions(displayed, skeleton), displayed[1])
+    frame = root_frame(evaluator)
+    here = _in_frame(_positions(displayed, skeleton), displayed[1], frame)
     needed = []
     for k in range(CANDIDATES):
         ahead = np.stack([np.append(found.root[k], found.rotations[k]) for found in (first, second)])
-        there = _in_frame(_positions(ahead, skeleton), ahead[0])
+        there = _in_frame(_positions(ahead, skeleton), ahead[0], frame)
         needed.append(_time(here, there, np.linalg.norm(here[1] - there[0], axis=-1), step_s, 1.0))
     return float(starts[int(np.argmin(needed))])
 
@@ -136,9 +142,9 @@ def _positions(frames: F64, skeleton: Skeleton) -> F64:
     return positions
 
 
-def _in_frame(positions: F64, frame: F64) -> F64:
+def _in_frame(positions: F64, frame: F64, upright: F64) -> F64:
     """Positions (n, J, 3) in the frame of a root: its place on the ground, and its heading."""
-    turn = -heading(frame[3:7])
+    turn = -heading(frame[3:7], upright)
     moved = positions - frame[:3] * np.array([1.0, 0.0, 1.0])
     return np.asarray(quat.rotate(np.array([0.0, math.sin(0.5 * turn), 0.0, math.cos(0.5 * turn)]), moved))
 
@@ -177,9 +183,19 @@ def _corresponding(phase: float, pairs: F64) -> float:
     return float(np.interp(at, firsts, seconds)) % 1.0
 
 
-def heading(rotation: F64) -> float:
-    """Heading (rad), about +Y, of a root rotation (4,)."""
-    return 2.0 * math.atan2(float(rotation[1]), float(rotation[3]))
+def heading(rotation: F64, upright: F64 = _IDENTITY) -> float:
+    """Heading (rad), about +Y, of a root rotation (4,); ``upright`` (4,) is that of :func:`root_frame`."""
+    (x, y, z, w), (a, b, c, d) = rotation, upright
+    return 2.0 * math.atan2(float(y * d - w * b + x * c - z * a), float(w * d + x * a + y * b + z * c))
+
+
+def root_frame(evaluator: Evaluator) -> F64:
+    """Rotation (4,) of the root where the body is upright and faces +Z; found once for each evaluator."""
+    found = _FRAMES.get(evaluator)
+    if found is None:
+        verb = evaluator.verb
+        found = _FRAMES[evaluator] = orientation.root_frame(verb.skeleton, verb.references)
+    return found
 
 
 def aligned(at: tuple[float, float, float], frame: F64) -> tuple[float, float, float]:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 
 from verbs.authoring.source import Source, SourceExample
+from verbs.clips import orientation
 from verbs.errors import MotionFileError, SourceError
 from verbs.io import motion_files
 from verbs.io.motion_files import MotionFile
 from verbs.motion import Motion
 
 __all__ = ["Progress", "read_motions"]
+
+UP_CONFIDENCE = 0.6
+"""Confidence from which on all motions must show the same axis up for it to be reported."""
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of a stage, the steps done and the steps there are."""
@@ -56,10 +61,15 @@ def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[s
 
 
 def _read_motion(source: Source, example: SourceExample, root: str | None) -> MotionFile:
+    """The file of an example, its motion with +Y up and +Z forward."""
     try:
-        return motion_files.read(example.file, unit=source.length_unit, root=root, clip=example.clip or None)
+        file = motion_files.read(example.file, unit=source.length_unit, root=root, clip=example.clip or None)
     except MotionFileError as err:
         raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
+    if source.axes == ("+Y", "+Z"):
+        return file
+    up, forward = source.axes
+    return replace(file, motion=orientation.convert(file.motion, up=up, forward=forward))
 
 
 def _notes(source: Source, files: list[MotionFile]) -> list[str]:
@@ -69,4 +79,12 @@ def _notes(source: Source, files: list[MotionFile]) -> list[str]:
         for text in file.report.changes:
             about.setdefault(text, []).append(example.name)
     others = [f" and {len(names) - 1} others" * (len(names) > 1) for names in about.values()]
-    return [f"example '{names[0]}'{more}: {text}" for (text, names), more in zip(about.items(), others, strict=True)]
+    found = [orientation.find(file.motion) for file in files]
+    ups = {orientation.axis_name(one.up) for one in found}
+    advice = []
+    if "+Y" not in ups and len(ups) == 1 and min(one.confidence for one in found) >= UP_CONFIDENCE:
+        up = f"the motions seem to have another axis up: {found[0].text} ({found[0].evidence[0]}); set up_axis and "
+        advice = [f"{up}forward_axis"]
+    return advice + [
+        f"example '{names[0]}'{more}: {text}" for (text, names), more in zip(about.items(), others, strict=True)
+    ]

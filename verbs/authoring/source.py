@@ -15,6 +15,7 @@ from typing import Any
 from verbs import units
 from verbs.authoring.source_contacts import SourceContact, read_contacts
 from verbs.authoring.source_mends import SourceMend, SourceRetarget, read_mends, read_retarget
+from verbs.clips.orientation import AXES
 from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, MAX_MAGNITUDE, METRES_PER_UNIT
 from verbs.errors import SourceError
 from verbs.kernels.chart import CHARTS
@@ -39,13 +40,14 @@ _KEYS = {
 _TABLE_KEYS = {
     "adverb": {"name", "unit", "description", "style"},
     "example": {"file", "clip", "keytimes", "adverb_values"},
-    "units": {"length", "time", "adverb_angle"},
+    "units": {"length", "time", "adverb_angle", "up_axis", "forward_axis"},
     "goal": {"origin", "axes"},
     "contact": {"joint", "part", "intervals"},
 }
 """Keys with a meaning, at the top level and in each table."""
 
 _AXES = {"up_axis", "forward_axis"}
+"""Keys with a meaning that are kept as provenance too."""
 
 _CLOSE = 0.8
 """Similarity (:mod:`difflib`) from which on an unknown key counts as a misspelling; captured sources stay below 0.7."""
@@ -80,10 +82,10 @@ class SourceExample:
 class Source:
     """A checked ``verb.toml``.
 
-    ``goal`` is empty, or an origin and one axis per measured adverb, three numbers each: where the adverbs of a sheet
-    lie in space. ``has_contacts`` is false where contacts are turned off; ``contacts`` are those that replace what
-    detection finds. ``mends`` and ``retarget`` change the clips first. ``provenance`` keeps every key that has no
-    meaning here; ``warnings`` name likely misspellings.
+    ``axes`` are up and forward in the motion files. ``goal`` is empty, or an origin and one axis per measured adverb,
+    three numbers each: where the adverbs of a sheet lie in space. ``has_contacts`` is false where contacts are turned
+    off; ``contacts`` are those that replace what detection finds. ``mends`` and ``retarget`` change the clips first. ``provenance``
+    keeps every key that has no meaning here; ``warnings`` name likely misspellings.
     """
 
     path: Path
@@ -98,6 +100,7 @@ class Source:
     measure: str
     keytime_names: tuple[str, ...]
     length_unit: str
+    axes: tuple[str, str]
     chart: str | None
     rotations: str
     adverbs: tuple[SourceAdverb, ...]
@@ -191,6 +194,7 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
         measure=measure,
         keytime_names=keytime_names,
         length_unit=_units(reader, table),
+        axes=_axes(reader, table),
         chart=reader.choice(table, "chart", tuple(CHARTS), default="") or None,
         rotations=reader.choice(table, "rotations", ROTATIONS, default="quaternion"),
         adverbs=adverbs,
@@ -356,10 +360,19 @@ def _units(reader: _Reader, table: dict[str, Any]) -> str:
     length = reader.choice(given, "length", tuple(METRES_PER_UNIT), default="m")
     reader.choice(given, "time", ("s",), default="s")
     reader.choice(given, "adverb_angle", ("rad", "deg"), default="rad")
-    for key, meant in (("up_axis", "+Y"), ("forward_axis", "+Z")):
-        if table.get(key, meant) != meant:
-            raise SourceError(reader.path, f"{key} is '{table[key]}'; convert the motions to {meant} first")
     return length
+
+
+def _axes(reader: _Reader, table: dict[str, Any]) -> tuple[str, str]:
+    """Directions that are up and forward in the motion files; ``[units]`` may hold them too."""
+    units = table.get("units", {})
+    up, forward = (
+        reader.choice(units if key in units else table, key, tuple(AXES), default=usual)
+        for key, usual in (("up_axis", "+Y"), ("forward_axis", "+Z"))
+    )
+    if up[1] == forward[1]:
+        raise SourceError(reader.path, f"up_axis is '{up}' and forward_axis '{forward}'; they must be two axes")
+    return up, forward
 
 
 def _simplices(reader: _Reader, table: dict[str, Any], examples: int, dims: int) -> tuple[tuple[int, ...], ...]:

@@ -161,3 +161,30 @@ def test_hips_under_a_ground_root_build_the_same_loop(verbs_of, tmp_path):
     np.testing.assert_allclose(built.verb.values, verbs_of("plain")[0].values, atol=1e-6)
     np.testing.assert_allclose(built.verb.curves, verbs_of("plain")[0].curves, atol=1e-5)
     assert built.warnings[0] == "example 'walk' and 4 others: joint 'Reference' is folded into 'Hips', the new root"
+
+
+def blender(motion: Motion) -> Motion:
+    """The motion with +Z up and -Y forward."""
+    turn = quat.exp(np.array([0.5 * np.pi, 0.0, 0.0]))
+    rotations = motion.rotations.copy()
+    rotations[:, 0] = quat.mul(turn, rotations[:, 0])
+    return Motion(motion.skeleton, motion.fps, quat.rotate(turn, motion.root), rotations)
+
+
+def state_axes(source: Path) -> Path:
+    text = (source / "verb.toml").read_text()
+    (source / "verb.toml").write_text(f'up_axis = "+Z"\nforward_axis = "-Y"\n{text}')
+    return source
+
+
+def test_motions_with_another_axis_up_are_converted_as_stated(verbs_of, tmp_path):
+    motions = {name: blender(clip_files.walk(**gait)) for name, gait in GAITS.items()}
+    built = build(state_axes(loop_source(tmp_path / "loop", motions))).verb
+    np.testing.assert_allclose(built.values, verbs_of("plain")[0].values, atol=2e-6)
+    np.testing.assert_allclose(np.abs(built.curves), np.abs(verbs_of("plain")[0].curves), atol=1e-5)
+
+
+def test_another_axis_up_is_a_warning_until_it_is_stated(tmp_path):
+    source = wave_source(tmp_path / "waves", {name: blender(wave(angle)) for name, angle in WAVES.items()})
+    assert "seem to have another axis up: +Z up, -Y forward" in build(source).warnings[0]
+    assert not any("another axis up" in warning for warning in build(state_axes(source)).warnings)

@@ -91,8 +91,8 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     """
     report = progress or (lambda stage, done, total: None)
     source = read(folder)
-    motions, digests, notes = read_motions(source, report)
-    fixed = mended(source, motions)
+    motions, digests, notes, tolerance_m = read_motions(source, report)
+    fixed = mended(source, motions, tolerance_m=tolerance_m)
     source, motions = fixed.source, fixed.motions
     keytimes = np.array([_checked_keytimes(source, e, m) for e, m in zip(source.examples, motions, strict=True)])
     source, keytimes = apex.mark(source, motions, keytimes)

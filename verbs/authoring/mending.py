@@ -51,8 +51,15 @@ class MendedSource:
     warnings: tuple[str, ...]
 
 
-def mended(source: Source, motions: Sequence[Motion]) -> MendedSource:
+def mended(source: Source, motions: Sequence[Motion], *, tolerance_m: float = 1e-4) -> MendedSource:
     """Mend the motions of a source, retarget them, and check that they share one skeleton.
+
+    Parameters
+    ----------
+    source : Source
+    motions : sequence of Motion, length N
+    tolerance_m : float
+        Offsets of joints may differ by this, metres.
 
     Raises
     ------
@@ -75,7 +82,7 @@ def mended(source: Source, motions: Sequence[Motion]) -> MendedSource:
             examples[k] = _shifted(source, example, fixed)
             contacts = tuple(_shifted_contact(contact, example.name, fixed) for contact in contacts)
     retargeted, more = _retargeted(source, done)
-    _check_skeletons(source, retargeted)
+    _check_skeletons(source, retargeted, tolerance_m)
     source = replace(source, examples=tuple(examples), contacts=contacts)
     left = len(warnings) - MOST_WARNINGS
     warnings = warnings[:MOST_WARNINGS] + [f"{left} more spikes and spins"] * (left > 0)
@@ -160,10 +167,10 @@ def _other_joints(wanted: Skeleton, skeleton: Skeleton) -> bool:
     return wanted.names != skeleton.names or not np.array_equal(wanted.parents, skeleton.parents)
 
 
-def _check_skeletons(source: Source, motions: list[Motion]) -> None:
+def _check_skeletons(source: Source, motions: list[Motion], tolerance_m: float) -> None:
     first = motions[0].skeleton
     for example, motion in zip(source.examples[1:], motions[1:], strict=True):
-        gap = first.difference(motion.skeleton)
+        gap = first.difference(motion.skeleton, tolerance_m=tolerance_m)
         if gap:
             own = source.examples[0].name
             advice = (

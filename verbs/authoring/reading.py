@@ -15,6 +15,9 @@ from verbs.motion import Motion
 
 __all__ = ["Progress", "read_motions"]
 
+ROUNDING_M = 1e-4
+"""Offsets differ by this between files that round."""
+
 UP_CONFIDENCE = 0.6
 """Confidence from which on all motions must show the same axis up for it to be reported."""
 
@@ -22,7 +25,7 @@ Progress = Callable[[str, int, int], None]
 """Called with the name of a stage, the steps done and the steps there are."""
 
 
-def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[str], list[str]]:
+def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[str], list[str], float]:
     """Read the motions of all examples.
 
     Parameters
@@ -38,6 +41,8 @@ def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[s
         SHA-256 of the files.
     warnings : list of str
         What reading changed.
+    tolerance_m : float
+        Offsets of joints may differ by this between the motions: files round, and stretching joints have mean offsets.
 
     Raises
     ------
@@ -57,13 +62,16 @@ def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[s
     motions = [file.motion for file in files]
     digests = [hashlib.sha256(example.file.read_bytes()).hexdigest() for example in source.examples]
     report("reading motions", len(source.examples), len(source.examples))
-    return motions, digests, _notes(source, files)
+    stretches = any(file.report.of("stretch") for file in files)
+    tolerance_m = max(source.stretch_m, ROUNDING_M) if stretches else ROUNDING_M
+    return motions, digests, _notes(source, files), tolerance_m
 
 
 def _read_motion(source: Source, example: SourceExample, root: str | None) -> MotionFile:
     """The file of an example, its motion with +Y up and +Z forward."""
     try:
-        file = motion_files.read(example.file, unit=source.length_unit, root=root, clip=example.clip or None)
+        clip, stretch_m = example.clip or None, source.stretch_m
+        file = motion_files.read(example.file, unit=source.length_unit, root=root, stretch_m=stretch_m, clip=clip)
     except MotionFileError as err:
         raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
     if source.axes == ("+Y", "+Z"):

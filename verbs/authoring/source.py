@@ -18,6 +18,7 @@ from verbs.authoring.source_mends import SourceMend, SourceRetarget, read_mends,
 from verbs.clips.orientation import AXES
 from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, MAX_MAGNITUDE, METRES_PER_UNIT
 from verbs.errors import SourceError
+from verbs.io.joint_tracks import STRETCH_M
 from verbs.kernels.chart import CHARTS
 from verbs.kernels.measure import MEASURES
 from verbs.verb import NAME
@@ -34,7 +35,7 @@ TAILS = ("constant", "affine")
 _KEYS = {
     "name", "description", "looping", "climbing", "samples", "root", "effector", "effector_keytime_index", "measure",
     "keytime_names", "units", "adverb", "example", "tetrahedra", "simplices", "chart", "rotations", "goal",
-    "contact", "contacts", "tail", "mend", "retarget",
+    "contact", "contacts", "tail", "mend", "retarget", "stretch_m",
 }  # fmt: skip
 
 _TABLE_KEYS = {
@@ -84,8 +85,8 @@ class Source:
 
     ``axes`` are up and forward in the motion files. ``goal`` is empty, or an origin and one axis per measured adverb,
     three numbers each: where the adverbs of a sheet lie in space. ``has_contacts`` is false where contacts are turned
-    off; ``contacts`` are those that replace what detection finds. ``mends`` and ``retarget`` change the clips first. ``provenance``
-    keeps every key that has no meaning here; ``warnings`` name likely misspellings.
+    off; ``contacts`` are those that replace what detection finds. ``mends`` and ``retarget`` change the clips first.
+    ``provenance`` keeps every key that has no meaning here; ``warnings`` name likely misspellings.
     """
 
     path: Path
@@ -101,6 +102,7 @@ class Source:
     keytime_names: tuple[str, ...]
     length_unit: str
     axes: tuple[str, str]
+    stretch_m: float
     chart: str | None
     rotations: str
     adverbs: tuple[SourceAdverb, ...]
@@ -195,6 +197,7 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
         keytime_names=keytime_names,
         length_unit=_units(reader, table),
         axes=_axes(reader, table),
+        stretch_m=_stretch(reader, table),
         chart=reader.choice(table, "chart", tuple(CHARTS), default="") or None,
         rotations=reader.choice(table, "rotations", ROTATIONS, default="quaternion"),
         adverbs=adverbs,
@@ -361,6 +364,14 @@ def _units(reader: _Reader, table: dict[str, Any]) -> str:
     reader.choice(given, "time", ("s",), default="s")
     reader.choice(given, "adverb_angle", ("rad", "deg"), default="rad")
     return length
+
+
+def _stretch(reader: _Reader, table: dict[str, Any]) -> float:
+    """Largest distance of a joint from its mean offset that is dropped from motion files, metres."""
+    (metres,) = reader.numbers({"stretch_m": [table.get("stretch_m", STRETCH_M)]}, "stretch_m", 1, "number", "")
+    if metres < 0.0:
+        raise SourceError(reader.path, f"stretch_m is {metres}; give metres, 0 or more")
+    return metres
 
 
 def _axes(reader: _Reader, table: dict[str, Any]) -> tuple[str, str]:

@@ -248,6 +248,27 @@ def test_a_source_may_hold_motions_of_every_kind(tmp_path):
     np.testing.assert_allclose(mixed.curves, plain.curves, atol=1e-5)
 
 
+def test_stretch_of_a_joint_is_refused_unless_the_source_allows_it(source):
+    path = source / "c.bvh"
+    head, _, table = path.read_text().partition("MOTION\n")
+    first, _, last = head.rpartition("CHANNELS 3 ")
+    lines = table.splitlines()
+    rows = []
+    for k, line in enumerate(lines[2:]):
+        words = line.split()
+        rows.append(" ".join([*words[:-3], f"{0.4 + 0.02 * (k == 3):.3f} 0 0", *words[-3:]]))
+    hand = f"{first}CHANNELS 6 Xposition Yposition Zposition {last}"
+    path.write_text("\n".join([f"{hand}MOTION", *lines[:2], *rows]) + "\n")
+    with pytest.raises(SourceError, match="example 'c'.*joint 'Hand' within 5 mm.*allow more with stretch_m"):
+        build(source)
+    edit(source, 'name = "arm"', 'name = "arm"\nstretch_m = 0.05')
+    warning = "example 'c': joint 'Hand' stretches by up to 19.67 mm (frame 3); its mean offset is kept"
+    assert warning in build(source).warnings
+    for text in ("-0.1", "nan", '"far"'):
+        with pytest.raises(SourceError, match="stretch_m"):
+            read(edit(source, "stretch_m = [^\n]*", f"stretch_m = {text}"))
+
+
 def test_a_clip_that_a_file_lacks_names_the_example(source):
     with pytest.raises(SourceError, match="example 'walk'.*a BVH file holds one motion"):
         build(edit(source, 'file = "c.bvh"', 'file = "c.bvh"\nclip = "walk"'))

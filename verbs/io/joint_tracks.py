@@ -33,6 +33,9 @@ STRETCH_M = 0.005
 _STILL_M = 1e-6
 """Positions that vary by less are constant: files round."""
 
+MAX_FOLDED = 32
+"""Joints above the body; each is a pass over all frames."""
+
 _LEFT_OUT = 1.0 / 3.0
 """Share of the joints that may be left out beside a folded one."""
 
@@ -122,6 +125,9 @@ def root_motion(
         shown = ", ".join(tracks.names[:5]) + ", …" * (len(tracks.names) > 5)
         raise MotionFileError(path, None, f"a joint '{root}' that becomes the root", shown, "name one of the joints")
     while (child := 1 if len(folded) < above else _next_root(tracks, root, stretch_m)) is not None:
+        if len(folded) == MAX_FOLDED:
+            expected = f"at most {MAX_FOLDED} joints above the body"
+            raise MotionFileError(path, tracks.places[0], expected, f"'{tracks.names[0]}' below as many")
         folded.append(Folded(tracks.names[0], tracks.local(0), tracks.rotations[:, 0]))
         tracks = _folded(tracks, child, path, notes)
     offsets = tracks.offsets.copy()
@@ -172,7 +178,7 @@ def _branches(tracks: JointTracks, joint: int) -> bool:
 def _folded(tracks: JointTracks, child: int, path: str, notes: list[Note]) -> JointTracks:
     """Tracks whose root is a child of the former root; its motion is the product of both."""
     name, kept = tracks.names[child], tracks.below(child)
-    others = [tracks.names[joint] for joint in range(1, len(tracks.names)) if joint not in set(kept.tolist())]
+    others = [tracks.names[joint] for joint in np.setdiff1d(np.arange(1, len(tracks.names)), kept)]
     listed = ", ".join(f"'{other}'" for other in others[:4]) + ("" if len(others) <= 4 else ", …")
     if len(others) > _LEFT_OUT * (len(tracks.names) - 1):
         raise MotionFileError(

@@ -231,3 +231,48 @@ def test_a_hundred_thousand_frames_are_read():
     motion = bvh.parse(clip_files.bvh_text(bones, 120.0))
     assert (len(motion), motion.fps) == (100_000, 120.0)
     np.testing.assert_allclose(motion.rotations[90, 0], quat.exp([np.pi / 2, 0, 0]), atol=1e-12)
+
+
+def test_a_long_chain_above_the_body_is_refused():
+    above = [Bone(f"a{k}", -1, (0, 0.1, 0), moving("X", np.zeros((FRAMES, 1)))) for k in range(40)]
+    bones = clip_files.on_the_ground(clip_files.body_bones(), *above)
+    with pytest.raises(MotionFileError, match="at most 32 joints above the body, found 'a32' below as many"):
+        bvh.parse(clip_files.bvh_text(bones))
+
+
+def test_a_damaged_rig_gives_a_motion_or_a_motion_file_error():
+    bones = clip_files.on_the_ground(clip_files.body_bones(3), clip_files.ground(3))
+    named(bones, "Head").tip_channels = moving("XYZ", np.zeros((3, 3)))
+    prop = sword(3)
+    for bone in prop:
+        bone.parent += len(bones) if bone.parent >= 0 else 0
+    text = clip_files.bvh_text([*bones, *prop])
+    lines, rng, refused = text.splitlines(), np.random.default_rng(0), 0
+    words = [
+        "ROOT x",
+        "}",
+        "{",
+        "End Site",
+        "CHANNELS 0",
+        "CHANNELS 3 Xposition Yposition Zposition",
+        "OFFSET 0 0 0",
+        "0",
+    ]
+    for _ in range(600):
+        damaged = list(lines)
+        for _ in range(int(rng.integers(1, 4))):
+            at = int(rng.integers(len(damaged)))
+            change = int(rng.integers(4))
+            if change == 0:
+                del damaged[at]
+            elif change == 1:
+                damaged.insert(at, str(rng.choice(words)))
+            elif change == 2:
+                damaged[at] = damaged[at].replace("position", "rotation", 1)
+            else:
+                damaged.insert(at, damaged[int(rng.integers(len(damaged)))])
+        try:
+            bvh.parse("\n".join(damaged), stretch_m=float(rng.choice([0.0, 0.005, 10.0])))
+        except MotionFileError:
+            refused += 1
+    assert 200 < refused < 600

@@ -31,7 +31,7 @@ from verbs.io.joint_tracks import STRETCH_M, JointTracks, root_motion
 from verbs.io.report import MotionFile, Note, Report
 from verbs.kernels import quat
 
-__all__ = ["MAX_FPS", "read_file"]
+__all__ = ["MAX_FPS", "clip_names", "read_file"]
 
 MAX_FPS = 1000.0
 _MAX_ROTATIONS = 20_000_000  # frames × joints, as for BVH
@@ -95,10 +95,25 @@ def read_file(
     return MotionFile(motion, Report("gltf", (*notes, *more), folded, clips, number))
 
 
+def clip_names(path: str | Path) -> tuple[str, ...]:
+    """Names of the animations of a file; one without a name is called by its index.
+
+    Raises
+    ------
+    MotionFileError
+        The file is invalid.
+    """
+    return _clip_names(open_document(Path(path)))
+
+
+def _clip_names(document: Document) -> tuple[str, ...]:
+    rows = document.rows("animations")
+    return tuple(document.text(row, "name", f"animations[{k}]") or f"animation {k}" for k, row in enumerate(rows))
+
+
 def _choose_clip(document: Document, clip: str | int | None) -> tuple[int, tuple[str, ...]]:
     """Index of the animation to read, and the names of all."""
-    rows = document.rows("animations")
-    clips = tuple(document.text(row, "name", f"animations[{k}]") or f"animation {k}" for k, row in enumerate(rows))
+    clips = _clip_names(document)
     listed = ", ".join(f"'{name}'" for name in clips[:8]) + ", …" * (len(clips) > 8)
     if not clips:
         document.fail("animations", "an animation", "none", "export the file with its animation")

@@ -11,7 +11,7 @@ from verbs.io import bvh, gltf, npz
 from verbs.io.joint_tracks import STRETCH_M
 from verbs.io.report import Folded, Marks, MotionFile, Note, NoteKind, Report
 
-__all__ = ["ENDINGS", "Folded", "Marks", "MotionFile", "Note", "NoteKind", "Report", "read"]
+__all__ = ["ENDINGS", "Folded", "Marks", "MotionFile", "Note", "NoteKind", "Report", "clip_names", "read"]
 
 
 def _read_bvh(path: Path, unit: str, root: str | None, stretch_m: float, clip: str | int | None) -> MotionFile:
@@ -85,3 +85,15 @@ def read(
         found = f"the ending '{path.suffix}'" if path.suffix else "no ending"
         raise MotionFileError(path, None, f"a file that ends in {', '.join(ENDINGS)}", found, "convert it first")
     return reader(path, unit, root, stretch_m, clip)
+
+
+def clip_names(path: str | Path) -> tuple[str, ...]:
+    """Names of the motions in a file, each a ``clip`` of :func:`read`; one empty name where there is no choice.
+
+    Raises
+    ------
+    MotionFileError
+        A glTF file is invalid.
+    """
+    path = Path(path)
+    return gltf.clip_names(path) if _READERS.get(path.suffix.lower()) is _read_gltf else ("",)

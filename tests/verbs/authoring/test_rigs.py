@@ -110,7 +110,7 @@ def test_the_plain_loop_measures_what_was_walked(verbs_of):
     np.testing.assert_allclose(values[:, 0], [gait["speed"] for gait in GAITS.values()], rtol=0.02)
 
 
-def played(first: Verb, second: Verb) -> np.ndarray:
+def played(first: Verb, second: Verb, *, plant: bool) -> np.ndarray:
     """Joint positions (F, J, 3) of a stream: loop, wave, loop."""
     one, two = Characters(Evaluator(first)), Characters(Evaluator(second))
     shown = []
@@ -119,7 +119,7 @@ def played(first: Verb, second: Verb) -> np.ndarray:
         root, rotations, _ = play(people, slot, frames)
         shown.append(joints(verb, root[:, 0], rotations[:, 0]))
 
-    slot = one.add(first.values[2], plant=False)
+    slot = one.add(first.values[2], plant=plant)
     run(one, slot, first, 80)
     other = two.go_on(one, slot, second.values[1], transition_s=0.4)
     run(two, other, second, 40)
@@ -127,13 +127,14 @@ def played(first: Verb, second: Verb) -> np.ndarray:
     return np.concatenate(shown)
 
 
+@pytest.mark.parametrize("plant", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
-def test_switches_of_a_stream_show_the_same_joints(verbs_of, kind):
-    plain, rig = played(*verbs_of("plain")), played(*verbs_of(kind))
+def test_switches_of_a_stream_show_the_same_joints(verbs_of, kind, plant):
+    plain, rig = played(*verbs_of("plain"), plant=plant), played(*verbs_of(kind), plant=plant)
     assert np.linalg.norm(plain[-1, 0] - plain[0, 0]) > 1.0
-    # Axes at right angles to those of the body are found exactly; others from the posture, so that the heading
-    # differs by less than a degree from that of the plain rig.
-    np.testing.assert_allclose(rig, plain, atol=0.05 if kind == "any" else 5e-4)
+    # Axes at right angles to those of the body are found exactly; for others the heading comes from the posture. A
+    # planted foot with a straight knee magnifies rounding to single precision.
+    np.testing.assert_allclose(rig, plain, atol=5e-3 if plant or kind == "any" else 2e-6)
 
 
 def test_hips_under_a_ground_root_build_the_same_loop(verbs_of, tmp_path):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tests.verbs import clip_files
+from tests.verbs.gltf_files import body_file
 from verbs.errors import MotionFileError, UnknownName
-from verbs.io import bvh, motion_files
+from verbs.io import bvh, motion_files, npz
 
 
 def test_a_bvh_file_is_read_with_its_report(tmp_path):
@@ -37,3 +38,24 @@ def test_a_bvh_file_has_no_choice_of_clips(tmp_path):
     path = clip_files.write_bvh(tmp_path / "a.bvh", clip_files.body_bones())
     with pytest.raises(MotionFileError, match="a BVH file holds one motion, found clip 'walk'"):
         motion_files.read(path, clip="walk")
+
+
+def test_the_clips_of_a_file_are_listed(tmp_path):
+    source = body_file()
+    source.animation()
+    assert motion_files.clip_names(source.write(tmp_path / "a.glb")) == ("walk", "animation 1")
+    path = clip_files.write_bvh(tmp_path / "a.bvh", clip_files.body_bones())
+    assert motion_files.clip_names(path) == motion_files.read(path).report.clips == ("",)
+
+
+@pytest.mark.parametrize("name", ["clip.glb", "clip.gltf", "clip.npz"])
+def test_every_format_is_read_by_its_ending(name, tmp_path):
+    if name == "clip.npz":
+        npz.write(clip_files.walk(), tmp_path / name)
+    else:
+        body_file().write(tmp_path / name)
+    file = motion_files.read(tmp_path / name)
+    assert file.report.format == ("npz" if name == "clip.npz" else "gltf")
+    assert file.motion.skeleton.names[0] == "Hips"
+    with pytest.raises(MotionFileError, match="clip 'run'|animation 'run'"):
+        motion_files.read(tmp_path / name, clip="run")

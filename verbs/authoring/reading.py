@@ -10,7 +10,7 @@ from verbs.authoring.source import Source, SourceExample
 from verbs.clips import orientation
 from verbs.errors import MotionFileError, SourceError
 from verbs.io import motion_files
-from verbs.io.motion_files import MotionFile
+from verbs.io.motion_files import CHANGES, MotionFile
 from verbs.motion import Motion
 
 __all__ = ["Progress", "read_motions"]
@@ -83,16 +83,24 @@ def _read_motion(source: Source, example: SourceExample, root: str | None) -> Mo
 def _notes(source: Source, files: list[MotionFile]) -> list[str]:
     """What reading changed, each sentence once with the examples that it is about."""
     about: dict[str, list[str]] = {}
+    stretches: list[tuple[float, str, str]] = []
     for example, file in zip(source.examples, files, strict=True):
-        for text in file.report.changes:
-            about.setdefault(text, []).append(example.name)
+        stretches += [(note.amount, note.subject, example.name) for note in file.report.of("stretch")]
+        for note in file.report.notes:
+            if note.kind in CHANGES and note.kind != "stretch":
+                about.setdefault(note.text, []).append(example.name)
     others = [f" and {len(names) - 1} others" * (len(names) > 1) for names in about.values()]
+    lines = [f"example '{names[0]}'{more}: {text}" for (text, names), more in zip(about.items(), others, strict=True)]
+    if stretches:
+        most, joint, name = max(stretches)
+        count = len({joint for _, joint, _ in stretches})
+        verb = "joint stretches" if count == 1 else "joints stretch"
+        where = f"'{joint}' in example '{name}'"
+        lines.append(f"{count} {verb} by up to {1000.0 * most:.2f} mm ({where}); mean offsets are kept")
     found = [orientation.find(file.motion) for file in files]
     ups = {orientation.axis_name(one.up) for one in found}
     advice = []
     if "+Y" not in ups and len(ups) == 1 and min(one.confidence for one in found) >= UP_CONFIDENCE:
         up = f"the motions seem to have another axis up: {found[0].text} ({found[0].evidence[0]}); set up_axis and "
         advice = [f"{up}forward_axis"]
-    return advice + [
-        f"example '{names[0]}'{more}: {text}" for (text, names), more in zip(about.items(), others, strict=True)
-    ]
+    return advice + lines

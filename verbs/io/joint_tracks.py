@@ -9,6 +9,7 @@ Rules, in this order:
   refused otherwise.
 - Constant positions become the joint's offset.
 - Positions that vary by no more than a tolerance become their mean, and the stretch is reported; more is refused.
+  Up to 0.1 mm counts as rounding.
 """
 
 from __future__ import annotations
@@ -25,10 +26,13 @@ from verbs.kernels import quat
 from verbs.motion import Motion
 from verbs.skeleton import Skeleton
 
-__all__ = ["STRETCH_M", "JointTracks", "root_motion"]
+__all__ = ["ROUNDING_M", "STRETCH_M", "JointTracks", "root_motion"]
 
 STRETCH_M = 0.005
 """Default tolerance of joints that change their distance to the parent."""
+
+ROUNDING_M = 1e-4
+"""A stretch up to this comes from rounding in the program that wrote the file."""
 
 _STILL_M = 1e-6
 """Positions that vary by less are constant: files round."""
@@ -232,5 +236,5 @@ def _fixed(tracks: JointTracks, joint: int, path: str, stretch_m: float, notes: 
             f"{folded}allow more with stretch_m, or remove its position channels where the file was made",
         )
     text = f"joint '{name}' stretches by up to {1000.0 * stretch:.2f} mm (frame {frame}); its mean offset is kept"
-    notes.append(Note("stretch", name, text, stretch))
+    notes.append(Note("stretch" if stretch > ROUNDING_M else "offset", name, text, stretch))
     return np.asarray(track.mean(axis=0))

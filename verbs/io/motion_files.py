@@ -9,9 +9,9 @@ from verbs.conventions import METRES_PER_UNIT
 from verbs.errors import MotionFileError, UnknownName
 from verbs.io import bvh, gltf, npz
 from verbs.io.joint_tracks import STRETCH_M
-from verbs.io.report import Folded, Marks, MotionFile, Note, NoteKind, Report
+from verbs.io.report import CHANGES, Folded, Marks, MotionFile, Note, NoteKind, Report
 
-__all__ = ["ENDINGS", "Folded", "Marks", "MotionFile", "Note", "NoteKind", "Report", "clip_names", "read"]
+__all__ = ["CHANGES", "ENDINGS", "Folded", "Marks", "MotionFile", "Note", "NoteKind", "Report", "clip_names", "read"]
 
 
 def _read_bvh(path: Path, unit: str, root: str | None, stretch_m: float, clip: str | int | None) -> MotionFile:

@@ -8,15 +8,15 @@ from typing import Literal
 from verbs.conventions import F64, freeze
 from verbs.motion import Motion
 
-__all__ = ["Folded", "Marks", "MotionFile", "Note", "NoteKind", "Report"]
+__all__ = ["CHANGES", "Folded", "Marks", "MotionFile", "Note", "NoteKind", "Report"]
 
 NoteKind = Literal["folded", "left_out", "offset", "stretch", "ignored_root", "ignored_channels", "scale", "applied"]
 """What a note is about.
 
 ``folded`` a moving joint was multiplied into its parent; ``left_out`` joints beside it are missing; ``offset`` constant
-positions became an offset; ``stretch`` small changes of length were dropped; ``ignored_root`` another hierarchy;
-``ignored_channels`` channels without effect on the pose; ``scale`` scales of joints; ``applied`` the transform of
-nodes above the root.
+positions, but for rounding, became an offset; ``stretch`` small changes of length were dropped; ``ignored_root``
+another hierarchy; ``ignored_channels`` channels without effect on the pose; ``scale`` scales of joints; ``applied`` the
+transform of nodes above the root.
 """
 
 CHANGES: tuple[NoteKind, ...] = ("folded", "left_out", "stretch", "ignored_root", "scale")

@@ -262,7 +262,7 @@ def test_stretch_of_a_joint_is_refused_unless_the_source_allows_it(source):
     with pytest.raises(SourceError, match="example 'c'.*joint 'Hand' within 5 mm.*allow more with stretch_m"):
         build(source)
     edit(source, 'name = "arm"', 'name = "arm"\nstretch_m = 0.05')
-    warning = "example 'c': joint 'Hand' stretches by up to 19.67 mm (frame 3); its mean offset is kept"
+    warning = "1 joint stretches by up to 19.67 mm ('Hand' in example 'c'); mean offsets are kept"
     assert warning in build(source).warnings
     for text in ("-0.1", "nan", '"far"'):
         with pytest.raises(SourceError, match="stretch_m"):

@@ -228,6 +228,20 @@ def test_joints_between_those_of_the_skin_are_kept(tmp_path):
     assert_poses(file, source)
 
 
+def test_translation_keys_of_every_joint_are_offsets(tmp_path):
+    """Exporters bake them: constant, and off by rounding."""
+    source, rng = body_file(), np.random.default_rng(0)
+    clip, times = source.table["animations"][0], np.arange(16) / 32
+    for name, parent, offset in BODY:
+        if parent is not None:
+            noise = rng.uniform(-1e-3, 1e-3, (16, 3))  # centimetres
+            source.channel(clip, node_of(source, name), "translation", times, 100.0 * np.array(offset) + noise)
+    file = read(source, tmp_path)
+    assert_poses(file, source, atol=1e-4)
+    assert file.report.changes == ()
+    assert file.report.folded == ()
+
+
 # --- scale ------------------------------------------------------------------------------------------------
 
 

@@ -146,6 +146,14 @@ def test_a_small_stretch_is_dropped_and_reported_in_millimetres():
     assert_places(file, bones, atol=2.2e-3)
 
 
+def test_rounding_is_no_stretch():
+    bones = clip_files.body_bones()
+    stretched(bones, "LeftHand", 0.00005)
+    report = bvh.parse_file(clip_files.bvh_text(bones)).report
+    assert (report.of("stretch"), report.changes) == ((), ())
+    assert [note.subject for note in report.of("offset")] == ["LeftHand"]
+
+
 def test_a_large_stretch_is_refused_by_name_unless_allowed():
     bones = clip_files.body_bones()
     stretched(bones, "LeftHand", 0.02)

@@ -72,7 +72,7 @@ def test_what_is_wrong_is_named(tmp_path, file):
     with pytest.raises(OutOfRange, match="the length of the motion"):
         call("trim", file, "--from", 0, "--to", 100, "-o", tmp_path / "a.bvh")
     (tmp_path / "none").mkdir()
-    with pytest.raises(SourceError, match=r"neither a verb.toml nor BVH"):
+    with pytest.raises(SourceError, match=r"neither a verb.toml nor motion files"):
         call("mirror", tmp_path / "none", "-o", tmp_path / "b")
     with pytest.raises(SourceError, match="is not empty"):
         call("mirror", tmp_path, "-o", tmp_path)

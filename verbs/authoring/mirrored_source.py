@@ -8,17 +8,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from verbs.authoring.source import Source, read
+from verbs.authoring.reading import read_motions
+from verbs.authoring.source import Source, SourceExample, read
 from verbs.authoring.toml_text import toml_dump
 from verbs.clips.mirror import Mirrored, mirror
 from verbs.clips.pairs import find_pairs
 from verbs.clips.scale import scaled
 from verbs.conventions import METRES_PER_UNIT
-from verbs.errors import MotionFileError, SourceError
+from verbs.errors import SourceError
 from verbs.io import bvh
 from verbs.skeleton import Skeleton
 
 __all__ = ["mirror_source"]
+
+_AXES = ("up_axis", "forward_axis")
+"""Keys that are left out: what is written has +Y up and +Z forward."""
+
+_UNSAFE = re.compile(r"[^\w .-]")
+"""What is not taken from the name of a clip into that of its file."""
 
 _WORD = re.compile(r"\b(left|right|Left|Right|LEFT|RIGHT)\b")
 _OTHER = {"left": "right", "Left": "Right", "LEFT": "RIGHT"}
@@ -57,13 +64,10 @@ def mirror_source(folder: str | Path, output: str | Path, table: Mapping[str, st
         raise SourceError(output, "is not empty; name a new folder")
     factor = 1.0 / METRES_PER_UNIT[source.length_unit]
     done = []
-    for example in source.examples:
-        try:
-            motion = bvh.read(example.file, unit=source.length_unit)
-        except MotionFileError as err:
-            raise SourceError(source.path, f"its motion cannot be read: {err}", example=example.name) from err
+    motions, *_ = read_motions(source, lambda stage, count, total: None)
+    for example, motion in zip(source.examples, motions, strict=True):
         mirrored = mirror(motion, table)
-        path = output / _file(source, example.file)
+        path = output / _file(source, example)
         path.parent.mkdir(parents=True, exist_ok=True)
         bvh.write(scaled(mirrored.motion, factor), path, decimals=8)
         done.append(mirrored)
@@ -73,8 +77,10 @@ def mirror_source(folder: str | Path, output: str | Path, table: Mapping[str, st
     return done
 
 
-def _file(source: Source, file: Path) -> Path:
-    return file.relative_to(source.path.parent.resolve()).with_suffix(".bvh")
+def _file(source: Source, example: SourceExample) -> Path:
+    """Path of an example's BVH file in the mirrored source; a clip of a file with several gets one of its own."""
+    path = example.file.relative_to(source.path.parent.resolve())
+    return path.with_name(f"{_UNSAFE.sub('_', example.clip)}.bvh") if example.clip else path.with_suffix(".bvh")
 
 
 def _mirrored_table(
@@ -87,6 +93,9 @@ def _mirrored_table(
         return skeleton.names[partner[skeleton.names.index(name)]] if name in skeleton.names else name
 
     out = {**given, "name": f"{source.name}_mirrored", "mirrored_from": source.name}
+    if isinstance(out.get("units"), dict):
+        out["units"] = {key: value for key, value in out["units"].items() if key not in _AXES}
+    out = {key: value for key, value in out.items() if key not in _AXES}
     for key in {"effector", "root"} & out.keys():
         out[key] = other(out[key])
     out["keytime_names"] = [_WORD.sub(lambda found: _OTHER[found.group()], name) for name in source.keytime_names]
@@ -94,7 +103,7 @@ def _mirrored_table(
         out[key] = [_mirrored_row(row, other) for row in out[key]]
     signs = _signs(source)
     out["example"] = [
-        {**row, "file": _file(source, example.file).as_posix(),
+        {**{key: value for key, value in row.items() if key != "clip"}, "file": _file(source, example).as_posix(),
          "adverb_values": [sign * value + 0.0 for sign, value in zip(signs, example.values, strict=True)]}
         for row, example in zip(given["example"], source.examples, strict=True)
     ]  # fmt: skip

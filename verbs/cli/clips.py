@@ -36,20 +36,23 @@ def mirror_command(
     """
     from verbs.authoring.mirrored_source import mirror_source
     from verbs.clips.mirror import mirror
+    from verbs.io.motion_files import ENDINGS
 
     table = _pairs(pairs)
     if (path / "verb.toml").exists():
         done = mirror_source(path, output, table)
     elif path.is_dir():
-        files = sorted(path.glob("*.bvh"))
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
         if not files:
-            raise SourceError(path, "has neither a verb.toml nor BVH files")
+            raise SourceError(path, "has neither a verb.toml nor motion files")
+        if len({file.stem for file in files}) < len(files):
+            raise SourceError(path, "has motion files that differ in their ending alone; rename one")
         if output.exists() and (not output.is_dir() or any(output.iterdir())):
             raise SourceError(output, "is not empty; name a new folder")
         done = [mirror(_read(file, unit), table) for file in files]
         output.mkdir(parents=True, exist_ok=True)
         for file, mirrored in zip(files, done, strict=True):
-            _write(mirrored.motion, output / file.name, unit)
+            _write(mirrored.motion, output / f"{file.stem}.bvh", unit)
     else:
         done = [mirror(_read(path, unit), table)]
         _write(done[0].motion, output, unit)
@@ -90,9 +93,9 @@ def resample_command(
 
 
 def _read(file: Path, unit: str) -> Motion:
-    from verbs.io import bvh
+    from verbs.io import motion_files
 
-    return bvh.read(file, unit=unit)
+    return motion_files.read(file, unit=unit).motion
 
 
 def _write(motion: Motion, file: Path, unit: str) -> None:

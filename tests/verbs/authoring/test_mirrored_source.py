@@ -7,11 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.verbs import broken_clips as broken
+from tests.verbs.gltf_files import Gltf
 from tests.verbs.sources import arm_source, jump_source
 from verbs.authoring.fit import build
 from verbs.authoring.mirrored_source import mirror_source
 from verbs.authoring.source import read
 from verbs.authoring.toml_text import toml_dump
+from verbs.clips.mirror import mirror
 from verbs.clips.scale import scaled
 from verbs.errors import SourceError, UnknownName
 from verbs.io import bvh
@@ -104,3 +106,37 @@ def test_a_folder_that_is_not_empty_is_left(tmp_path):
         mirror_source(folder, folder)
     with pytest.raises(UnknownName, match="unknown joint 'Nose'"):
         mirror_source(folder, tmp_path / "out", {"Nose": "Hand"})
+
+
+def test_clips_of_one_gltf_file_with_another_axis_up_become_files_of_their_own(tmp_path):
+    motion, source = broken.clean(), Gltf()
+    upright = source.node("Z_UP", rotation=[np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # +Z up, -Y forward
+    joints: list[int] = []
+    for name, parent, offset in zip(
+        *(motion.skeleton.names, motion.skeleton.parents, motion.skeleton.offsets), strict=True
+    ):
+        above = upright if parent < 0 else joints[parent]
+        joints.append(source.node(name, above, translation=[float(value) for value in offset]))
+    for clip in ("low one", "high/one"):
+        rows, times = source.animation(clip), np.arange(len(motion)) / motion.fps
+        for k, joint in enumerate(joints):
+            source.channel(rows, joint, "rotation", times, motion.rotations[:, k])
+        source.channel(rows, joints[0], "translation", times, motion.root)
+    folder = tmp_path / "two"
+    folder.mkdir()
+    source.write(folder / "two.glb")
+    end = motion.duration_s
+    (folder / "verb.toml").write_text(
+        'name = "two"\nkeytime_names = ["start", "end"]\nup_axis = "+Z"\nforward_axis = "-Y"\n'
+        '[[adverb]]\nname = "lift"\nstyle = true\n'
+        + "".join(
+            f'[[example]]\nfile = "two.glb"\nclip = "{clip}"\nkeytimes = [0.0, {end}]\nadverb_values = [{k}.0]\n'
+            for k, clip in enumerate(("low one", "high/one"))
+        )
+    )
+    mirror_source(folder, tmp_path / "mirrored")
+    mirrored = read(tmp_path / "mirrored")
+    assert [example.file.name for example in mirrored.examples] == ["low one.bvh", "high_one.bvh"]
+    assert mirrored.axes == ("+Y", "+Z")
+    for example in mirrored.examples:
+        assert broken.apart_m(bvh.read(example.file), mirror(motion).motion) < 1e-5

@@ -30,7 +30,7 @@ from verbs.runtime.evaluate import Evaluator
 from verbs.units import quantity
 from verbs.verb import Adverb, Chart, Measure, Verb
 
-__all__ = ["Built", "build"]
+__all__ = ["Assembled", "Built", "assemble", "build"]
 
 KEYTIME_SLACK_S = 1e-3
 """A last keytime may lie this far past the end of its file: files round both numbers."""
@@ -94,6 +94,59 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     motions, digests, notes, tolerance_m = read_motions(source, report)
     fixed = mended(source, motions, tolerance_m=tolerance_m)
     source, motions = fixed.source, fixed.motions
+    made = assemble(source, motions, progress=progress)
+    verb, keytimes, source = made.verb, made.keytimes, made.source
+    report("contacts", 0, 1)
+    verb = replace(verb, contacts=contacts_of(source, verb, motions, keytimes))
+    report("contacts", 1, 1)
+    report("quality", 0, 1)
+    quality = {"chart_reason": made.chart_reason, **_quality(verb, motions, keytimes)}
+    report("quality", 1, 1)
+    provenance = {
+        "source": source.provenance,
+        "files": {example.file.name: digest for example, digest in zip(source.examples, digests, strict=True)},
+        "simplices": [list(row) for row in source.simplices],
+        "built_by": f"adverb {metadata.version('adverb')}",
+        **({"mends": fixed.rows} if fixed.rows else {}),
+    }
+    lines = (*source.warnings, *notes, *fixed.warnings, *made.warnings)
+    return Built(replace(verb, quality=quality, provenance=provenance), lines, made.worst_stored)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assembled:
+    """A verb without contacts, quality and provenance, with what its build found.
+
+    Parameters
+    ----------
+    verb : Verb
+    source : Source
+        With the keytimes that the build adds.
+    keytimes : (N, M) float64
+        Seconds from the start of each file.
+    warnings : tuple of str
+    worst_stored, chart_reason : str
+    """
+
+    verb: Verb
+    source: Source
+    keytimes: F64
+    warnings: tuple[str, ...]
+    worst_stored: str
+    chart_reason: str
+
+
+def assemble(source: Source, motions: list[Motion], *, progress: Progress | None = None) -> Assembled:
+    """Fit curves to motions, measure the adverbs and solve the bases; errors as in :func:`build`.
+
+    Parameters
+    ----------
+    source : Source
+    motions : list of Motion
+        Of the source's examples, in their order, with one skeleton.
+    progress : callable, optional
+    """
+    report = progress or (lambda stage, done, total: None)
     keytimes = np.array([_checked_keytimes(source, e, m) for e, m in zip(source.examples, motions, strict=True)])
     source, keytimes = apex.mark(source, motions, keytimes)
     report("fitting curves", 0, 1)
@@ -121,21 +174,7 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     fields, reason = _bases(source, draft, values)
     verb = replace(draft, values=values, adverbs=_ranges(draft.adverbs, draft.measure, values), **fields)
     report("solving the basis", 1, 1)
-    report("contacts", 0, 1)
-    verb = replace(verb, contacts=contacts_of(source, verb, motions, keytimes))
-    report("contacts", 1, 1)
-    report("quality", 0, 1)
-    quality = {"chart_reason": reason, **_quality(verb, motions, keytimes)}
-    report("quality", 1, 1)
-    provenance = {
-        "source": source.provenance,
-        "files": {example.file.name: digest for example, digest in zip(source.examples, digests, strict=True)},
-        "simplices": [list(row) for row in source.simplices],
-        "built_by": f"adverb {metadata.version('adverb')}",
-        **({"mends": fixed.rows} if fixed.rows else {}),
-    }
-    lines = (*source.warnings, *notes, *fixed.warnings, *fitted.warnings, *warnings)
-    return Built(replace(verb, quality=quality, provenance=provenance), lines, worst)
+    return Assembled(verb, source, keytimes, (*fitted.warnings, *warnings), worst, reason)
 
 
 def _checked_keytimes(source: Source, example: SourceExample, motion: Motion) -> F64:

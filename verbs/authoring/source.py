@@ -23,7 +23,7 @@ from verbs.kernels.chart import CHARTS
 from verbs.kernels.measure import MEASURES
 from verbs.verb import NAME
 
-__all__ = ["Source", "SourceAdverb", "SourceExample", "read"]
+__all__ = ["Source", "SourceAdverb", "SourceExample", "parse", "read"]
 
 MAX_TOML_BYTES = 4 * 1024 * 1024
 
@@ -127,7 +127,11 @@ def read(folder: str | Path) -> Source:
         Naming the file, the example where there is one, what is wrong and what to do.
     """
     path = Path(folder) / "verb.toml"
-    table = _load(path)
+    return parse(path, _load(path))
+
+
+def parse(path: Path, table: dict[str, Any]) -> Source:
+    """Check the parsed text of a ``verb.toml`` at ``path``, which need not exist; raises :class:`SourceError`."""
     warnings = _misspelled(table)
     try:
         return replace(_read(path, table), warnings=warnings)

@@ -12,6 +12,7 @@ from verbs.cli.build import build_command, info_command
 from verbs.cli.clips import mirror_command, resample_command, trim_command
 from verbs.cli.figures import figures_command
 from verbs.cli.gallery import gallery_command
+from verbs.cli.init import init_command
 from verbs.cli.measure import measure_command
 from verbs.cli.output import err, plain
 from verbs.cli.pose import export_command, pose_command
@@ -28,6 +29,7 @@ app = typer.Typer(
 )
 
 _COMMANDS: dict[str, Callable[..., None]] = {
+    "init": init_command,
     "build": build_command,
     "info": info_command,
     "pose": pose_command,

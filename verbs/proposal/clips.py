@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from verbs.io import bvh
 from verbs.kernels import fk, quat
 from verbs.motion import Motion
 
-__all__ = ["ENDINGS", "Clip", "Refused", "read_clip", "read_folder"]
+__all__ = ["ENDINGS", "Clip", "Refused", "clip_of", "read_clip", "read_folder", "scaled"]
 
 ENDINGS = (".bvh",)
 """Endings of files that :func:`read_clip` reads."""
@@ -129,3 +129,13 @@ def read_folder(folder: Path, *, unit: str, report: Progress) -> tuple[list[Clip
                                    else f"cannot be read: {problem}", "export it again", readable=False))  # fmt: skip
     report("reading clips", len(paths), len(paths))
     return clips, refused
+
+
+def scaled(clip: Clip, factor: float) -> Clip:
+    """A clip with all lengths multiplied."""
+    if factor == 1.0:
+        return clip
+    motion, skeleton = clip.motion, clip.motion.skeleton
+    larger = replace(skeleton, offsets=skeleton.offsets * factor, tip_offsets=skeleton.tip_offsets * factor)
+    grown = Motion(larger, motion.fps, motion.root * factor, motion.rotations)
+    return replace(clip, motion=grown, positions=clip.positions * np.float32(factor))

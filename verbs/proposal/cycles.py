@@ -78,7 +78,7 @@ def is_cycle(clip: Clip) -> bool:
 
 
 def _feet_signal(clip: Clip, times: F64) -> F64 | None:
-    """Speed of the right foot less that of the left (n,), m/s: greatest where the left one stands; None without feet."""
+    """Speed of the right foot less the left one's (n,), m/s: greatest where the left stands; None without feet."""
     joints = foot_joints(clip)
     if len(joints) < 2:
         return None

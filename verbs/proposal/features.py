@@ -13,7 +13,7 @@ from verbs.kernels import dtw, fk
 from verbs.kernels.compile import direct
 from verbs.proposal.clips import Clip
 
-__all__ = ["Features", "Path", "align", "features_of", "foot_joints", "stature"]
+__all__ = ["Features", "Path", "align", "distances", "features_of", "foot_joints", "stature"]
 
 RATE_HZ, MOST_FRAMES = 30.0, 500
 """Rate of features; lower for clips that would have more frames than that."""
@@ -23,6 +23,12 @@ BAND_SHARE = 0.25
 
 PENALTY = 0.15
 """Cost of a step along one clip only, in median distances of frames."""
+
+MOST_DIMENSIONS = 24
+"""Principal components of the features that are kept."""
+
+COARSE_HZ = 8.0
+"""Rate at which clips are compared with each other."""
 
 SPEED_WEIGHT, PLACE_WEIGHT, CONTACT_WEIGHT = 1.0, 0.6, 0.5
 
@@ -107,13 +113,37 @@ def features_of(clips: list[Clip]) -> list[Features]:
     speed_scale = np.sqrt(np.mean((speeds - speeds.mean(axis=0)) ** 2) + 1e-12)
     place_scale = np.sqrt(np.mean((places - places.mean(axis=0)) ** 2) + 1e-12)
     found = []
-    for times, own_speeds, own_places, contacts in raw:
+    for _, own_speeds, own_places, contacts in raw:
         blocks = (
             SPEED_WEIGHT * own_speeds / (speed_scale * np.sqrt(own_speeds.shape[1])),
             PLACE_WEIGHT * own_places / (place_scale * np.sqrt(own_places.shape[1])),
             CONTACT_WEIGHT * contacts,
         )
-        found.append(Features(times, np.ascontiguousarray(np.concatenate(blocks, axis=1))))
+        found.append(np.concatenate(blocks, axis=1))
+    axes = _principal(found)
+    return [Features(one[0], np.ascontiguousarray(rows @ axes)) for one, rows in zip(raw, found, strict=True)]
+
+
+def _principal(rows: list[F64]) -> F64:
+    """Axes (D, MOST_DIMENSIONS at most) along which the rows of all clips vary most."""
+    every = np.concatenate(rows)
+    every = every - every.mean(axis=0)
+    _, axes = np.linalg.eigh(every.T @ every)
+    return np.asarray(axes[:, ::-1][:, :MOST_DIMENSIONS])
+
+
+def distances(features: list[Features]) -> F64:
+    """Distances (N, N) of clips: mean distance of features along their alignment, at a low rate."""
+    count = len(features)
+    coarse = []
+    for one in features:
+        rate = (len(one.times) - 1) / max(one.times[-1], 1e-9)
+        step = max(1, int(rate / COARSE_HZ))
+        coarse.append(Features(one.times[::step], np.ascontiguousarray(one.rows[::step])))
+    found = np.zeros((count, count))
+    for i in range(count):
+        for j in range(i):
+            found[i, j] = found[j, i] = align(coarse[i], coarse[j]).cost
     return found
 
 

@@ -12,13 +12,14 @@ import numpy as np
 
 from verbs.authoring import basis as bases
 from verbs.authoring.source import TAILS
+from verbs.conventions import F64
 from verbs.errors import IllPosedVerb
 from verbs.kernels import measure as measures
 from verbs.kernels import quat
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Chart, Verb
 
-__all__ = ["LeftOut", "leave_one_out", "subset", "suggested_tail"]
+__all__ = ["LeftOut", "leave_one_out", "left_out_errors", "subset", "suggested_tail"]
 
 TAIL_GAIN = 0.03
 """Share by which the mean angle of left-out examples has to fall for a tail to be suggested."""
@@ -62,7 +63,13 @@ def _rescaled(chart: Chart, verb: Verb, values: np.ndarray[tuple[int, int], np.d
 
 
 def leave_one_out(verb: Verb, methods: tuple[str, ...]) -> list[LeftOut]:
-    """Predict each example from the others, by each method.
+    """Predict each example from the others, by each method; the means of :func:`left_out_errors`."""
+    angles, errors = left_out_errors(verb, methods)
+    return [LeftOut(name, float(angles[m].mean()), float(errors[m].mean())) for m, name in enumerate(methods)]
+
+
+def left_out_errors(verb: Verb, methods: tuple[str, ...]) -> tuple[F64, F64]:
+    """Mean joint angles (rad) and goal errors (the measure's unit) of each left-out example, (methods, N) both.
 
     The pose compared is the one at the effector's keytime, or the mean over ten phases where there is none. Goals are
     not clamped to the smaller domain.
@@ -84,7 +91,7 @@ def leave_one_out(verb: Verb, methods: tuple[str, ...]) -> list[LeftOut]:
             differences = quat.log(quat.mul(quat.conjugate(own.rotations), shown.rotations))
             angles[m, i] = np.linalg.norm(differences, axis=-1).mean()
             errors[m, i] = blend.error[0]
-    return [LeftOut(name, float(angles[m].mean()), float(errors[m].mean())) for m, name in enumerate(methods)]
+    return angles, errors
 
 
 def suggested_tail(verb: Verb) -> str:

@@ -1,0 +1,413 @@
+"""From a folder of clips to a proposed ``verb.toml``: read, screened, keytimes, adverbs, outliers, text."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from verbs.authoring.fit import Assembled, assemble
+from verbs.authoring.source import parse
+from verbs.conventions import F64, METRES_PER_UNIT
+from verbs.domain import describe
+from verbs.errors import IllPosedVerb, SourceError, VerbError
+from verbs.io import bvh
+from verbs.proposal import screening, styles, unannotated
+from verbs.proposal.clips import Clip, Refused, read_folder, scaled
+from verbs.proposal.cycles import Cut, cut_cycle, is_cycle, strides
+from verbs.proposal.features import features_of
+from verbs.proposal.keytimes import Keytimes, from_annotated
+from verbs.proposal.measures import ADVERBS, Guess, guess, measured
+from verbs.proposal.toml_writer import Head, Row, toml_text
+from verbs.quality.leave_one_out import left_out_errors
+
+__all__ = ["Options", "Proposal", "propose", "write"]
+
+CONSTANT = 0.005
+"""A coordinate of a position that varies less than this, metres, is no adverb."""
+
+SAME_ADVERBS = 1e-6
+
+BADLY = 3.0
+"""A clip is predicted badly if its joint error from the others is this many times the median."""
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the author states; the rest is guessed.
+
+    Parameters
+    ----------
+    effector, measure, unit, name : str or None
+    annotated : mapping of str to tuple of float
+        Keytimes, seconds, by file name.
+    keytime_names : tuple of str
+        Names for annotated keytimes; empty for usual ones.
+    style_csv : Path or None
+    pattern : str or None
+    """
+
+    effector: str | None = None
+    measure: str | None = None
+    unit: str | None = None
+    name: str | None = None
+    annotated: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    keytime_names: tuple[str, ...] = ()
+    style_csv: Path | None = None
+    pattern: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A proposed source.
+
+    Parameters
+    ----------
+    text : str
+        Of verb.toml.
+    head : Head
+    rows : tuple of Row
+        Clips that were measured, the excluded ones among them.
+    refused : tuple of Refused
+        Files that could not be.
+    cuts : mapping of str to Cut
+        Cycles that were cut, by the name of the file to write.
+    verb : Assembled or None
+        The verb of the proposal; None where it would not build yet.
+    problem : str
+        Why it would not.
+    left_out_deg : mapping of str to float
+        Mean joint angle between a clip and its prediction from the others.
+    """
+
+    text: str
+    head: Head
+    rows: tuple[Row, ...]
+    refused: tuple[Refused, ...]
+    cuts: Mapping[str, Cut]
+    verb: Assembled | None
+    problem: str
+    left_out_deg: Mapping[str, float]
+
+    def report(self) -> dict[str, Any]:
+        """The proposal as JSON."""
+        names = [name for name, *_ in self.head.adverbs]
+        kept = [row for row in self.rows if not row.excluded]
+        return {
+            "name": self.head.name,
+            "measure": self.head.measure,
+            "effector": self.head.effector or None,
+            "looping": self.head.looping,
+            "unit": self.head.unit,
+            "keytime_names": list(self.head.keytime_names),
+            "evidence": self.head.evidence,
+            "adverbs": [{"name": n, "unit": u, "style": style} for n, u, _, style in self.head.adverbs],
+            "clips": [
+                {
+                    "file": row.file,
+                    "keytimes": list(row.keytimes.times),
+                    "confidence": list(row.keytimes.confidence),
+                    "evidence": list(row.keytimes.evidence),
+                    "adverbs": dict(zip(names, row.values, strict=True)),
+                    "left_out_deg": self.left_out_deg.get(row.file),
+                    "remarks": list(row.remarks),
+                }
+                for row in kept
+            ],
+            "excluded": [{"file": row.file, "problem": row.excluded, "advice": "remove the '#' before its lines"}
+                         for row in self.rows if row.excluded]
+            + [{"file": odd.name, "problem": odd.problem, "advice": odd.advice} for odd in self.refused],
+            "left_out_mean_deg": float(np.mean(list(self.left_out_deg.values()))) if self.left_out_deg else None,
+            "builds": self.verb is not None,
+            "problem": self.problem or None,
+        }  # fmt: skip
+
+
+def propose(folder: str | Path, options: Options | None = None, *, progress: Progress | None = None) -> Proposal:
+    """Propose a ``verb.toml`` for the clips of a folder; nothing is written.
+
+    Raises
+    ------
+    SourceError
+        No clip can be used, or an option names a file, joint or measure that does not exist.
+    UnknownName
+        The effector is no joint of the clips.
+    """
+    options, report, folder = options or Options(), progress or (lambda stage, done, total: None), Path(folder)
+    clips, refused = read_folder(folder, unit=options.unit or "m", report=report)
+    clips, odd = screening.screen(clips)
+    refused += odd
+    if not clips:
+        raise SourceError(folder, f"no clip can be used; the first: {refused[0].name} {refused[0].problem}")
+    evidence: dict[str, str] = {}
+    unit = options.unit or "m"
+    if not options.unit:
+        unit, evidence["unit"] = screening.guess_unit(clips)
+        clips = [scaled(clip, METRES_PER_UNIT[unit]) for clip in clips]
+    found = guess(clips, measure=options.measure, effector=options.effector)
+    cuts: dict[str, Cut] = {}
+    count = 0
+    if found.measure == "root_velocity":
+        clips, odd, cuts, count = _cycles(clips)
+        refused += odd
+        if not clips:
+            raise SourceError(folder, f"no clip is a cycle; the first: {odd[0].name} {odd[0].problem}")
+    report("aligning", 0, 2)
+    features = features_of(clips)
+    apart = {odd.name: odd.problem for odd in screening.outliers(clips, features)}
+    report("aligning", 1, 2)
+    keytimes, names = _keytimes(folder, clips, features, options, found, count)
+    report("aligning", 2, 2)
+    marker = _effector_keytime(clips, keytimes, names, found, options)
+    evidence |= {"measure": found.evidence, "effector": found.evidence, "keytimes": _words(options, keytimes)}
+    values, adverbs = _adverbs(folder, clips, keytimes, found, marker, options)
+    rows = _rows(clips, keytimes, values, apart, cuts)
+    effector = clips[0].motion.skeleton.names[found.effector] if found.measure == "joint_position" else ""
+    head = Head(
+        options.name or _name(folder), f"Proposed from {len(clips)} clips.", found.measure == "root_velocity",
+        found.measure, effector, marker, names, unit, adverbs, evidence,
+    )  # fmt: skip
+    return _judged(folder, head, rows, clips, refused, cuts, report)
+
+
+def write(proposal: Proposal, folder: str | Path, *, force: bool = False) -> Path:
+    """Write ``verb.toml`` and the cycles that were cut; clips are never changed.
+
+    Raises
+    ------
+    SourceError
+        If there is a verb.toml already, and ``force`` is not given.
+    """
+    path = Path(folder) / "verb.toml"
+    if path.exists() and not force:
+        raise SourceError(path, "exists already; add --force to replace it")
+    for name, cut in proposal.cuts.items():
+        motion = scaled(cut.clip, 1.0 / METRES_PER_UNIT[proposal.head.unit]).motion
+        bvh.write(motion, Path(folder) / name)
+    path.write_text(proposal.text, "utf-8")
+    return path
+
+
+def _name(folder: Path) -> str:
+    """Name of a verb from that of its folder."""
+    slug = re.sub(r"[^a-z0-9_-]+", "_", folder.resolve().name.lower()).strip("_-")[:60]
+    return slug if slug[:1].isalpha() else f"verb_{slug}".rstrip("_")
+
+
+def _words(options: Options, keytimes: list[Keytimes]) -> str:
+    """What the keytimes rest on, in one sentence."""
+    inner = [sure for own in keytimes for sure in own.confidence if sure < 1.0]
+    sure = f"; confidence {np.median(inner):.2f} in the median" if inner else ""
+    given = len(options.annotated)
+    return (f"from {given} annotated clip{'s' * (given > 1)}" if given else "found without annotation") + sure
+
+
+def _cycles(clips: list[Clip]) -> tuple[list[Clip], list[Refused], dict[str, Cut], int]:
+    """Clips that are one cycle each, cut where they are longer; the others; the cuts; and the strides of a cycle."""
+    closed = [is_cycle(clip) for clip in clips]
+    own = [strides(clip) if whole else (0, 0.0, 0.0) for clip, whole in zip(clips, closed, strict=True)]
+    steps = Counter(count for count, _, _ in own if count)
+    count = steps.most_common(1)[0][0] if steps else 1
+    stems = {clip.path.stem for clip in clips}
+    middle = np.angle(sum(np.exp(2j * np.pi * share) for n, share, _ in own if n == count))
+    kept, refused, cuts = [], [], {}
+    for clip, whole, (n, share, _) in zip(clips, closed, own, strict=True):
+        if not whole:
+            if f"{clip.path.stem}_cycle" in stems:
+                continue  # its cycle is there already
+            cut = cut_cycle(clip, count)
+            if cut is None:
+                refused.append(
+                    Refused(clip.name, "is not one cycle, and no stride of it repeats", "cut it to one cycle")
+                )
+                continue
+            kept.append(cut.clip)
+            cuts[cut.clip.name] = cut
+        elif n not in (0, count):
+            refused.append(Refused(clip.name, f"has {n} strides, the others {count}", f"cut it to {count}"))
+        elif n and abs(np.angle(np.exp(1j * (2 * np.pi * share - middle)))) > 0.6 * np.pi:
+            refused.append(Refused(clip.name, "starts on the other foot", "start its cycle half a stride later"))
+        else:
+            kept.append(clip)
+    return kept, refused, cuts, count
+
+
+def _keytimes(
+    folder: Path, clips: list[Clip], features: list[Any], options: Options, found: Guess, count: int
+) -> tuple[list[Keytimes], tuple[str, ...]]:
+    """Keytimes of all clips and their names."""
+    if options.annotated:
+        chosen = _annotated(folder, clips, options.annotated)
+        cyclic = found.measure == "root_velocity"
+        keytimes = from_annotated(clips, features, chosen, effector=found.effector, cyclic=cyclic)
+        size = len(keytimes[0].times)
+        if options.keytime_names and len(options.keytime_names) != size:
+            raise SourceError(folder, f"{len(options.keytime_names)} keytime names for {size} annotated keytimes")
+        return keytimes, options.keytime_names or _usual_names(size, found.measure)
+    if found.measure == "root_velocity":
+        return [unannotated.of_cycle(clip, count) for clip in clips], unannotated.stance_names(count)
+    if found.measure == "jump":
+        return [unannotated.of_jump(clip) for clip in clips], unannotated.JUMP_NAMES
+    return [unannotated.of_position(clip, found.effector) for clip in clips], unannotated.POSITION_NAMES
+
+
+def _annotated(folder: Path, clips: list[Clip], given: Mapping[str, tuple[float, ...]]) -> dict[int, tuple[float, ...]]:
+    """Annotated keytimes by clip, checked."""
+    index = {clip.name: k for k, clip in enumerate(clips)} | {clip.path.stem: k for k, clip in enumerate(clips)}
+    chosen: dict[int, tuple[float, ...]] = {}
+    for name, times in given.items():
+        if name not in index:
+            raise SourceError(folder, f"annotated file '{name}' is none of the clips that can be used")
+        clip = clips[index[name]]
+        if len(times) < 2 or any(b <= a for a, b in pairwise(times)):
+            raise SourceError(folder, f"keytimes of '{name}' must be two or more, ascending")
+        if times[0] < 0 or times[-1] > clip.duration_s + 1e-3:
+            raise SourceError(folder, f"keytimes of '{name}' must lie from 0 to {clip.duration_s:.5f} s")
+        chosen[index[name]] = tuple(min(time, clip.duration_s) for time in times)
+    if len({len(times) for times in chosen.values()}) > 1:
+        raise SourceError(folder, "annotated clips must have the same number of keytimes")
+    return chosen
+
+
+def _usual_names(size: int, measure: str) -> tuple[str, ...]:
+    """Names for annotated keytimes."""
+    if measure == "root_velocity" and size % 2:
+        return unannotated.stance_names(size // 2)
+    if measure == "jump" and size in (4, 5):
+        return tuple(name for name in unannotated.JUMP_NAMES if size == 5 or name != "apex")
+    return ("start", "apex", "end") if size == 3 else ("start", *(f"key {m}" for m in range(1, size - 1)), "end")
+
+
+def _effector_keytime(
+    clips: list[Clip], keytimes: list[Keytimes], names: tuple[str, ...], found: Guess, options: Options
+) -> int:
+    """Index of the keytime at which the effector is measured: where it is farthest from its start; -1 for others."""
+    if found.measure != "joint_position":
+        return -1
+    away = np.zeros(len(names))
+    for clip, own in zip(clips, keytimes, strict=True):
+        path = clip.path_of(found.effector, np.array(own.times))
+        away += np.linalg.norm(path - path[0], axis=1)
+    return int(np.argmax(away))
+
+
+def _adverbs(
+    folder: Path, clips: list[Clip], keytimes: list[Keytimes], found: Guess, marker: int, options: Options
+) -> tuple[F64, tuple[tuple[str, str, str, bool], ...]]:
+    """Adverb values (N, D) in their units, and the adverbs: measured ones first, style adverbs after."""
+    values = []
+    for clip, own in zip(clips, keytimes, strict=True):
+        times, at = own.times, marker
+        if found.measure == "jump":
+            times, at = (times[0], unannotated.of_jump(clip).times[2], times[-1]), 1
+        values.append(measured(clip, found.measure, found.effector, times, at))
+    table = np.array(values)
+    joint = clips[0].motion.skeleton.names[found.effector]
+    adverbs = []
+    for k, (name, unit, words) in enumerate(ADVERBS[found.measure]):
+        if found.measure == "joint_position":
+            if np.ptp(table[:, k]) < CONSTANT:
+                continue
+            adverbs.append((k, (name, unit, f"{words} coordinate of {joint} at its keytime", False)))
+        else:
+            adverbs.append((k, (name, unit, words, False)))
+    table = table[:, [k for k, _ in adverbs]]
+    styled = _styles(folder, clips, options)
+    names = sorted({name for own in styled.values() for name in own})
+    rows = [[styled[clip.name][name] for name in names] for clip in clips] if names else np.zeros((len(clips), 0))
+    every = tuple(adverb for _, adverb in adverbs) + tuple((name, "none", "style", True) for name in names)
+    return np.concatenate([table, np.array(rows)], axis=1), every
+
+
+def _styles(folder: Path, clips: list[Clip], options: Options) -> dict[str, dict[str, float]]:
+    """Style adverbs of every clip by file name; empty without a CSV and a pattern."""
+    found: dict[str, dict[str, float]] = {}
+    tables = []
+    if options.style_csv:
+        tables.append((str(options.style_csv), styles.from_csv(options.style_csv)))
+    if options.pattern:
+        names = [clip.name for clip in clips]
+        originals = {name: name.replace("_cycle.bvh", ".bvh") for name in names}
+        by_name = styles.from_pattern(options.pattern, [*names, *originals.values()])
+        tables.append((options.pattern, by_name))
+    for where, table in tables:
+        for clip in clips:
+            original = clip.name.replace("_cycle.bvh", ".bvh")
+            own = next((table[name] for name in (clip.name, original, clip.path.stem, Path(original).stem)
+                        if name in table), None)  # fmt: skip
+            if own is None:
+                raise SourceError(folder, f"'{clip.name}' has no style adverbs in {where}; add it, or leave it out")
+            found.setdefault(clip.name, {}).update(own)
+    return found
+
+
+def _rows(
+    clips: list[Clip], keytimes: list[Keytimes], values: F64, apart: Mapping[str, str], cuts: Mapping[str, Cut]
+) -> list[Row]:
+    """One row per clip; a clip with the adverbs of an earlier one, or whose motion does not belong, is excluded."""
+    rows: list[Row] = []
+    for k, (clip, own) in enumerate(zip(clips, keytimes, strict=True)):
+        remarks, reason = [], apart.get(clip.name, "")
+        if clip.name in cuts:
+            cut = cuts[clip.name]
+            remarks.append(
+                f"frames {cut.first} to {cut.last} of {clip.path.stem.removesuffix('_cycle')}.bvh; the seam of "
+                f"{1000 * cut.seam.rms_m:.0f} mm RMS, {1000 * cut.seam.most_m:.0f} mm at most, is spread over the cycle"
+            )
+        twin = next((j for j in range(k) if not rows[j].excluded
+                     and np.abs(values[j] - values[k]).max() < SAME_ADVERBS), None)  # fmt: skip
+        if twin is not None and not reason:
+            reason = f"has the same adverbs as {rows[twin].file}"
+        rows.append(Row(clip.name, own, tuple(map(float, values[k])), tuple(remarks), reason))
+    return rows
+
+
+def _judged(
+    folder: Path,
+    head: Head,
+    rows: list[Row],
+    clips: list[Clip],
+    refused: list[Refused],
+    cuts: Mapping[str, Cut],
+    report: Progress,
+) -> Proposal:
+    """The proposal, with adverbs as the build measures them, its chart and domain, and leave-one-out errors."""
+    kept = [k for k, row in enumerate(rows) if not row.excluded]
+    made, problem, errors = None, "", np.zeros(0)
+    report("judging", 0, 1)
+    try:
+        source = parse(folder / "verb.toml", tomllib.loads(toml_text(head, rows, ())))
+        made = assemble(source, [clips[k].motion for k in kept])
+    except VerbError as err:
+        problem = str(err).removeprefix(f"{folder / 'verb.toml'}").lstrip(",: ")
+    left_out: dict[str, float] = {}
+    if made is not None:
+        for k, values in zip(kept, made.verb.values, strict=True):
+            rows[k] = replace(rows[k], values=tuple(map(float, values)))
+        try:
+            method = "corrected" if "smooth" in made.verb.bases else "rbf"
+            errors = np.degrees(left_out_errors(made.verb, (method,))[0][0])
+        except IllPosedVerb:  # too few clips to leave one out
+            errors = np.zeros(0)
+        head = replace(head, evidence={**head.evidence, "chart": made.chart_reason, "domain": describe(made.verb)})
+    for k, error in zip(kept, errors, strict=False):
+        left_out[rows[k].file] = float(error)
+        if error > BADLY * np.median(errors):
+            words = (f"check: the other clips predict it badly, {error:.1f}° per joint "
+                     f"against {np.median(errors):.1f}° in the median")  # fmt: skip
+            rows[k] = replace(rows[k], remarks=(*rows[k].remarks, words))
+    report("judging", 1, 1)
+    sentences = [f"{odd.name}: {odd.problem}; {odd.advice}" for odd in refused]
+    if problem:
+        sentences.append(f"This does not build yet: {problem}")
+    text = toml_text(head, rows, sentences)
+    return Proposal(text, head, tuple(rows), tuple(refused), cuts, made, problem, left_out)

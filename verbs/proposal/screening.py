@@ -1,0 +1,175 @@
+"""Clips that do not fit the others: skeleton, unit, facing, spinning joints, duplicates, motions that do not belong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from verbs.conventions import F64, METRES_PER_UNIT
+from verbs.kernels import quat
+from verbs.proposal.clips import Clip, Refused
+from verbs.proposal.features import Features, distances, stature
+from verbs.skeleton import Skeleton
+
+__all__ = ["guess_unit", "outliers", "screen"]
+
+BODY_M = (1.2, 2.2)
+"""Height of the joints of a body, metres, by which a unit is guessed: people of 1.5 to 2.0 m, crouching too."""
+
+SCALES = (100.0, 10.0, 1000.0, 39.37, 30.48, 2.54, 3.28)
+"""Ratios of units that are in use; each is looked for both ways."""
+
+SPIN_RAD = np.radians(270.0)
+"""A joint that turns this far from its first rotation in one clip spins: blends take the other way round."""
+
+BACKWARDS_RAD = np.radians(120.0)
+
+NEIGHBOURS, OUTLIER_Z, OUTLIER_RATIO = 3, 7.0, 1.6
+"""A clip does not belong if its mean distance to its nearest clips is this many deviations above, and this many times,
+the median."""
+
+SAME_M = 1e-3
+"""Clips whose joints differ less than this at every frame are the same."""
+
+Checked = tuple[list[Clip], list[Refused]]
+
+
+def guess_unit(clips: list[Clip]) -> tuple[str, str]:
+    """Unit of length of clips that were read as metres, with the evidence."""
+    height = float(np.median([stature(clip) for clip in clips]))
+    fitting = [unit for unit in ("m", "cm", "in", "mm", "ft", "dm")
+               if BODY_M[0] <= height * METRES_PER_UNIT[unit] <= BODY_M[1]]  # fmt: skip
+    if not fitting:
+        return "m", f"joints span {height:.3g} units of height, which is no person in any unit: check this"
+    unit = fitting[0]
+    return unit, f"joints span {height:.3g} {unit} of height, {height * METRES_PER_UNIT[unit]:.2f} m"
+
+
+def screen(clips: list[Clip]) -> Checked:
+    """Clips that may share a verb, and the others, each with what is wrong and what to do."""
+    refused: list[Refused] = []
+    for check in (_skeletons, _still, _spins, _facing, _duplicates):
+        clips, odd = _split(clips, check) if clips else (clips, [])
+        refused += odd
+    return clips, refused
+
+
+def _split(clips: list[Clip], check: Callable[[list[Clip]], list[tuple[str, str] | None]]) -> Checked:
+    verdicts = check(clips)
+    kept = [clip for clip, odd in zip(clips, verdicts, strict=True) if odd is None]
+    return kept, [Refused(clip.name, *odd) for clip, odd in zip(clips, verdicts, strict=True) if odd]
+
+
+def _skeletons(clips: list[Clip]) -> list[tuple[str, str] | None]:
+    """Clips whose skeleton is not that of most."""
+    groups: list[tuple[Skeleton, list[int]]] = []
+    for k, clip in enumerate(clips):
+        for skeleton, members in groups:
+            if skeleton.difference(clip.motion.skeleton) is None:
+                members.append(k)
+                break
+        else:
+            groups.append((clip.motion.skeleton, [k]))
+    usual, members = max(groups, key=lambda group: len(group[1]))
+    return [None if k in members else _skeleton_problem(usual, clip.motion.skeleton) for k, clip in enumerate(clips)]
+
+
+def _skeleton_problem(usual: Skeleton, own: Skeleton) -> tuple[str, str]:
+    missing = [name for name in usual.names if name not in own.names]
+    extra = [name for name in own.names if name not in usual.names]
+    if len(missing) == len(extra) and missing and len(own) == len(usual):
+        pairs = ", ".join(f"'{new}' where the others have '{old}'" for old, new in zip(missing, extra, strict=True))
+        return f"names joint {pairs}", f"rename it to '{missing[0]}' in the file"
+    if not missing and not extra and np.array_equal(usual.parents, own.parents):
+        lengths = [np.linalg.norm(one.offsets[1:], axis=1) for one in (usual, own)]
+        ratios = lengths[1][lengths[0] > 1e-6] / lengths[0][lengths[0] > 1e-6]
+        ratio = float(np.median(ratios)) if len(ratios) else 1.0
+        for scale in (*SCALES, *(1.0 / scale for scale in SCALES)):
+            if abs(ratio / scale - 1.0) < 0.02 and np.ptp(ratios) < 0.05 * ratio:
+                return (f"its bones are {ratio:.4g} × as long as those of the others: another unit of length",
+                        f"scale its lengths by {1.0 / ratio:.4g}")  # fmt: skip
+    return f"its skeleton {usual.difference(own)}", "retarget it to the skeleton of the others, or leave it out"
+
+
+def _still(clips: list[Clip]) -> list[tuple[str, str] | None]:
+    """Clips that are too short to hold a motion."""
+    return [None if len(clip.motion) >= 4 else (f"has {len(clip.motion)} frames", "export the whole motion")
+            for clip in clips]  # fmt: skip
+
+
+def _spins(clips: list[Clip]) -> list[tuple[str, str] | None]:
+    """Clips in which a joint turns a whole turn, which no other clip does there."""
+    turns = np.zeros((len(clips), len(clips[0].motion.skeleton)))
+    for k, clip in enumerate(clips):
+        rotations = quat.unroll(clip.motion.rotations)
+        turns[k] = 2.0 * np.arccos(np.clip(np.einsum("fja,ja->fj", rotations, rotations[0]), -1.0, 1.0)).max(axis=0)
+    turns[:, 0] = 0.0  # a root may turn round
+    spinning = (turns > SPIN_RAD) & (np.median(turns, axis=0) < np.pi)
+    names, worst = clips[0].motion.skeleton.names, (turns * spinning).argmax(axis=1)
+    return [
+        (f"joint '{names[joint]}' spins {np.degrees(own[joint]):.0f}° away from its start",
+         "unwind the joint, or export it without the spin")
+        if spins.any() else None
+        for own, spins, joint in zip(turns, spinning, worst, strict=True)
+    ]  # fmt: skip
+
+
+def facing(clip: Clip) -> float | None:
+    """Angle from +Z, radians, of where a body faces at its first frame; None without left and right joints.
+
+    Forward is left × up, left from the right to the left joints by their names. Where the axes of files are guessed,
+    that belongs here.
+    """
+    names = [name.lower() for name in clip.motion.skeleton.names]
+    pairs = [(k, names.index(name.replace("left", "right"))) for k, name in enumerate(names)
+             if "left" in name and name.replace("left", "right") in names]  # fmt: skip
+    if not pairs:
+        return None
+    start = clip.positions[0].astype(np.float64)
+    across = [start[left] - start[right] for left, right in pairs]
+    left = np.sum([one / max(float(np.linalg.norm(one)), 1e-9) for one in across], axis=0)
+    return float(np.arctan2(-left[2], left[0]))
+
+
+def _facing(clips: list[Clip]) -> list[tuple[str, str] | None]:
+    """Clips that face the other way than most."""
+    found = [facing(clip) for clip in clips]
+    known = [angle for angle in found if angle is not None]
+    if not known:
+        return [None] * len(clips)
+    usual = float(np.angle(np.median(np.cos(known)) + 1j * np.median(np.sin(known))))
+    problems: list[tuple[str, str] | None] = []
+    for angle in found:
+        off = 0.0 if angle is None else float(np.angle(np.exp(1j * (angle - usual))))
+        turn = np.degrees(off)
+        problems.append((f"starts facing {abs(turn):.0f}° away from the others", f"turn it by {-turn:.0f}° about +Y")
+                        if abs(off) > BACKWARDS_RAD else None)  # fmt: skip
+    return problems
+
+
+def _duplicates(clips: list[Clip]) -> list[tuple[str, str] | None]:
+    """Clips that equal an earlier one."""
+    problems: list[tuple[str, str] | None] = []
+    for k, clip in enumerate(clips):
+        twin = next((other.name for other in clips[:k] if other.positions.shape == clip.positions.shape
+                     and np.abs(other.positions[::7] - clip.positions[::7]).max() < SAME_M), None)  # fmt: skip
+        problems.append((f"is the same motion as {twin}", "leave one out") if twin else None)
+    return problems
+
+
+def outliers(clips: list[Clip], features: list[Features]) -> list[Refused]:
+    """Clips whose motion does not belong: far from their nearest clips, as distances among the others go."""
+    if len(clips) < NEIGHBOURS + 2:
+        return []
+    between: F64 = distances(features)
+    np.fill_diagonal(between, np.inf)
+    near = np.sort(between, axis=1)[:, :NEIGHBOURS].mean(axis=1)
+    usual = float(np.median(near))
+    spread = max(1.4826 * float(np.median(np.abs(near - usual))), 0.08 * usual)
+    return [
+        Refused(clip.name, f"its motion does not belong: {own / usual:.1f} × as far from its nearest clips as usual",
+                "leave it out, or trim it to the same action")
+        for clip, own in zip(clips, near, strict=True)
+        if own > usual + OUTLIER_Z * spread and own > OUTLIER_RATIO * usual
+    ]  # fmt: skip

@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+
+from tests.verbs import raw_folder, walker
+from tests.verbs.proposal.test_keytimes import repeated
+from verbs.authoring.fit import build
+from verbs.errors import SourceError, UnknownName
+from verbs.io import bvh
+from verbs.proposal.propose import Options, propose, write
+from verbs.quality.leave_one_out import left_out_errors
+
+
+@pytest.fixture(scope="module")
+def awkward(tmp_path_factory):
+    """The proposal for the folder of clips that do not fit together, written."""
+    folder = raw_folder.awkward_folder(tmp_path_factory.mktemp("raw") / "Reach set 1")
+    proposal = propose(folder)
+    write(proposal, folder)
+    return folder, proposal
+
+
+@pytest.mark.parametrize("name", raw_folder.AWKWARD)
+def test_each_awkward_clip_is_named_with_what_to_do(awkward, name):
+    _, proposal = awkward
+    (odd,) = [odd for odd in proposal.report()["excluded"] if odd["file"] == name]
+    assert raw_folder.AWKWARD[name] in odd["problem"]
+    assert odd["advice"]
+    assert name in proposal.text
+
+
+def test_the_other_clips_become_a_verb(awkward):
+    folder, proposal = awkward
+    kept = {row.file for row in proposal.rows if not row.excluded}
+    assert kept == {*(f"reach_{k}.bvh" for k in range(9)), "rate.bvh"}
+    built = build(folder)
+    assert built.verb.name == "reach_set_1"
+    assert built.verb.skeleton.names[built.verb.measure.effector] == "RightHand"
+    assert not [warning for warning in built.warnings if "stored adverbs" in warning]
+    values = tomllib.loads(proposal.text)["example"]
+    stored = np.array([row["adverb_values"] for row in values])
+    assert np.abs(stored - built.verb.values).max() < 1e-4
+
+
+def test_apexes_and_their_confidence(awkward):
+    _, proposal = awkward
+    rows = {row.file: row.keytimes for row in proposal.rows}
+    for k, motion in enumerate(raw_folder.reaches().values()):
+        times = rows[f"reach_{k}.bvh"].times
+        assert times[1] == pytest.approx((0.42 + 0.015 * k) * motion.duration_s, abs=0.05)
+        assert rows[f"reach_{k}.bvh"].confidence[1] > 0.8
+
+
+def test_an_existing_source_is_kept(awkward, tmp_path):
+    folder, proposal = awkward
+    (tmp_path / "verb.toml").write_text("mine")
+    with pytest.raises(SourceError, match="--force"):
+        write(proposal, tmp_path)
+    assert (tmp_path / "verb.toml").read_text() == "mine"
+    write(proposal, tmp_path, force=True)
+    assert (tmp_path / "verb.toml").read_text() == (folder / "verb.toml").read_text()
+
+
+def test_centimetres_are_recognised(tmp_path):
+    motions = {name: raw_folder.scaled(motion, 100.0) for name, motion in raw_folder.reaches().items()}
+    proposal = propose(raw_folder.write(tmp_path / "reach", motions))
+    assert proposal.head.unit == "cm"
+    assert "1." in proposal.head.evidence["unit"]
+    write(proposal, tmp_path / "reach")
+    assert np.abs(build(tmp_path / "reach").verb.values).max() < 2.0
+
+
+def test_duplicates_are_excluded(tmp_path):
+    motions = raw_folder.reaches()
+    motions["copy"] = motions["reach_2"]
+    proposal = propose(raw_folder.write(tmp_path / "reach", motions))
+    assert [(odd.name, odd.problem) for odd in proposal.refused] == [
+        ("reach_2.bvh", "is the same motion as copy.bvh")
+    ]  # fmt: skip
+
+
+def test_style_adverbs_from_names_and_from_a_table(tmp_path):
+    motions = {f"reach_{0.5 * (k % 3):.1f}_{k}": m for k, m in enumerate(raw_folder.reaches().values())}
+    folder = raw_folder.write(tmp_path / "reach", motions)
+    by_name = propose(folder, Options(pattern="reach_{tired:float}_{n}.bvh"))
+    table = tmp_path / "styles.csv"
+    table.write_text("file,tired\n" + "".join(f"{name},{name.split('_')[1]}\n" for name in motions))
+    by_table = propose(folder, Options(style_csv=table))
+    for proposal in (by_name, by_table):
+        assert proposal.head.adverbs[-1] == ("tired", "none", "style", True)
+        assert [row.values[-1] for row in proposal.rows] == [float(row.file.split("_")[1]) for row in proposal.rows]
+    table.write_text("file,tired\nreach_0.0_0,1\n")
+    with pytest.raises(SourceError, match="has no style adverbs"):
+        propose(folder, Options(style_csv=table))
+    table.write_text("file,tired\nreach_0.0_0,much\n")
+    with pytest.raises(SourceError, match="line 2"):
+        propose(folder, Options(style_csv=table))
+    with pytest.raises(SourceError, match="float"):
+        propose(folder, Options(pattern="reach_{tired}_{n}.bvh"))
+
+
+def test_wrong_options_are_named(tmp_path):
+    folder = raw_folder.write(tmp_path / "reach", raw_folder.reaches())
+    with pytest.raises(UnknownName, match="Tail"):
+        propose(folder, Options(effector="Tail"))
+    for given, problem in (
+        ({"none.bvh": (0.0, 1.0)}, "none of the clips"),
+        ({"reach_0": (0.0, 2.0, 1.0)}, "ascending"),
+        ({"reach_0": (0.0, 99.0)}, "must lie from 0"),
+        ({"reach_0": (0.0, 1.0), "reach_1": (0.0, 0.5, 1.0)}, "same number"),
+    ):
+        with pytest.raises(SourceError, match=problem):
+            propose(folder, Options(annotated=given))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SourceError, match="no motion files"):
+        propose(tmp_path / "empty")
+
+
+def test_long_walks_become_cycles_that_build(tmp_path):
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    for speed in (0.7, 0.9, 1.1, 1.3):
+        bvh.write(repeated(walker.walk(speed), 5), folder / f"walk_{speed}.bvh", decimals=7)
+    proposal = propose(folder)
+    assert proposal.head.measure == "root_velocity"
+    assert proposal.head.looping
+    assert [row.values[0] for row in proposal.rows] == pytest.approx([0.7, 0.9, 1.1, 1.3], rel=0.02)
+    assert all("seam" in row.remarks[0] for row in proposal.rows)
+    assert proposal.problem  # they only go straight: three speeds are not determined
+    write(proposal, folder)
+    assert sorted(path.name for path in folder.glob("*_cycle.bvh")) == [row.file for row in proposal.rows]
+    again = propose(folder)
+    assert [row.file for row in again.rows] == [row.file for row in proposal.rows]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "measure", "effector"),
+    [
+        ("punch", "joint_position", "RightHand"),
+        ("kick", "joint_position", "RightFoot"),
+        ("jump", "jump", ""),
+        ("locomotion", "root_velocity", ""),
+    ],
+)
+def test_a_captured_set_without_its_source(mocap, tmp_path, verb_of, name, measure, effector):
+    table = tomllib.loads((mocap / name / "verb.toml").read_text())
+    folder = tmp_path / name
+    folder.mkdir()
+    for row in table["example"]:
+        shutil.copy(mocap / name / row["file"], folder)
+    row = table["example"][1]
+    proposal = propose(folder, Options(annotated={row["file"]: tuple(row["keytimes"])}))
+    assert (proposal.head.measure, proposal.head.effector) == (measure, effector)
+    assert not [row for row in proposal.rows if row.excluded]
+    annotated = verb_of(name)
+    own = float(np.degrees(left_out_errors(annotated, ("corrected",))[0].mean()))
+    assert np.mean(list(proposal.left_out_deg.values())) <= 1.05 * own
+    values = dict(zip(annotated.examples, annotated.values, strict=True))
+    same = dict(zip((row.file.removesuffix(".bvh") for row in proposal.rows), proposal.rows, strict=True))
+    for row in table["example"]:
+        example = row["file"].removesuffix(".bvh")
+        found = np.array(same[example].values)
+        if measure == "joint_position":
+            if max(np.abs(np.subtract(same[example].keytimes.times, row["keytimes"]))) < 1e-3:
+                assert np.abs(found - values[example]).max() < 1e-3
+        elif measure == "jump":  # distance and direction as a displacement: jumps in place have no direction
+            reached, stated = (v[0] * np.array([np.sin(v[1]), np.cos(v[1])]) for v in (found, values[example]))
+            assert np.linalg.norm(reached - stated) < 0.01 * max(values[example][0], 0.1)
+            assert found[2] == pytest.approx(values[example][2], rel=0.01)
+        else:
+            assert np.abs(found - values[example]).max() < 0.01 * max(1.0, np.abs(values[example]).max())

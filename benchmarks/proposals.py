@@ -83,7 +83,8 @@ def one(name: str, draws: int) -> None:
             medians.append(float(np.median(own)))
             every += own
         print(f"  keytimes, one annotated: {spread(every)}; by annotated clip ", end="")
-        print(f"{1000 * min(medians):.0f} to {1000 * max(medians):.0f} (median {1000 * np.median(medians):.0f})")  # fmt: skip
+        low, high, middle = (1000 * figure for figure in (min(medians), max(medians), np.median(medians)))
+        print(f"{low:.0f} to {high:.0f} (median {middle:.0f})")
         base, own = annotated_error(name), float(np.mean(list(plain.left_out_deg.values())))
         print(f"  leave-one-out: annotated {base:.2f}°, proposal {own:.2f}° ({100 * (own / base - 1):+.1f} %)")
         shares = []

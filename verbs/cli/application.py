@@ -17,6 +17,7 @@ from verbs.cli.measure import measure_command
 from verbs.cli.output import err, plain
 from verbs.cli.pose import export_command, pose_command
 from verbs.cli.refine import refine_command
+from verbs.cli.suggest import suggest_command
 from verbs.errors import VerbError
 
 __all__ = ["app", "main", "run"]
@@ -34,6 +35,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "info": info_command,
     "pose": pose_command,
     "measure": measure_command,
+    "suggest": suggest_command,
     "refine": refine_command,
     "export": export_command,
     "mirror": mirror_command,

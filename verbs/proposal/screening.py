@@ -21,7 +21,7 @@ SCALES = (100.0, 10.0, 1000.0, 39.37, 30.48, 2.54, 3.28)
 """Ratios of units that are in use; each is looked for both ways."""
 
 SPIN_RAD = np.radians(270.0)
-"""A joint that turns this far from its first rotation in one clip spins: blends take the other way round."""
+"""A joint that turns this far from its first rotation in one clip spins: blends of it with others are ambiguous."""
 
 BACKWARDS_RAD = np.radians(120.0)
 

@@ -25,7 +25,8 @@ from verbs.io import bvh
 from verbs.proposal.clips import read_folder
 from verbs.proposal.features import features_of
 from verbs.proposal.keytimes import from_annotated
-from verbs.proposal.propose import Options, propose
+from verbs.proposal.propose import propose
+from verbs.proposal.result import Options
 from verbs.quality.leave_one_out import left_out_errors
 
 DATA = Path(os.environ.get("ADVERB_TEST_DATA", "../shared/data")) / "mocap"

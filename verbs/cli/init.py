@@ -13,7 +13,7 @@ from verbs.cli.output import err, out, plain, print_json, progress
 from verbs.errors import OutOfRange
 
 if TYPE_CHECKING:
-    from verbs.proposal.propose import Proposal
+    from verbs.proposal.result import Proposal
 
 __all__ = ["init_command"]
 
@@ -45,7 +45,8 @@ def init_command(
     from verbs.conventions import METRES_PER_UNIT
     from verbs.errors import SourceError, UnknownName
     from verbs.proposal.measures import ADVERBS
-    from verbs.proposal.propose import Options, propose, write
+    from verbs.proposal.propose import propose, write
+    from verbs.proposal.result import Options
 
     if unit is not None and unit not in METRES_PER_UNIT:
         raise UnknownName("unit", unit, METRES_PER_UNIT)

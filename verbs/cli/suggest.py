@@ -44,15 +44,15 @@ def suggest_command(
     table = Table()
     for column in ("", *(adverb.name for adverb in loaded.adverbs), "expected", "gain", "support", "Σ|w|"):
         table.add_column(plain(column), justify="right")
-    table.add_column("nearest examples, left out", overflow="fold")
+    table.add_column("examples that it helps, left out", overflow="fold")
     for k, one in enumerate(found, start=1):
-        near = f"{', '.join(one.nearest)}: {np.degrees(one.nearest_error):.1f}°"
+        near = f"{', '.join(one.helped)}: {np.degrees(one.helped_error):.1f}°"
         expected = f"{np.degrees(one.expected_error):.1f}°"
         table.add_row(str(k), *(f"{value:.3f}" for value in one.adverbs), expected, f"{100 * one.gain:.1f} %",
                       f"{one.support:.2f}", f"{one.weight_sum:.2f}", plain(near))  # fmt: skip
     out.print(table)
-    out.print("expected: joint error to expect there now; gain: share of the expected error of the domain that the "
-              "example removes, those above it made.", soft_wrap=True)  # fmt: skip
+    out.print("expected: joint error to expect there now; gain: share of the errors, left out and expected, that "
+              "the example removes, those above it made.", soft_wrap=True)  # fmt: skip
     if picture:
         out.print(f"poses → {plain(str(picture))}", soft_wrap=True)
 
@@ -78,7 +78,7 @@ def _record(verb: Verb, one: Suggestion) -> dict[str, Any]:
         "gain": one.gain,
         "support": one.support,
         "weight_sum": one.weight_sum,
-        "nearest": list(one.nearest),
-        "nearest_left_out_rad": one.nearest_error,
+        "helped": list(one.helped),
+        "helped_left_out_rad": one.helped_error,
         "positions": dict(zip(verb.skeleton.names, one.positions.round(5).tolist(), strict=True)),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,13 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.kernels import quat
 from verbs.motion import Motion
-from verbs.proposal.clips import Clip, clip_of
+from verbs.proposal.clips import Clip, Refused, clip_of
 from verbs.proposal.features import foot_joints, stature
 
-__all__ = ["Cut", "Seam", "cut_cycle", "is_cycle", "period", "seam", "strides"]
+__all__ = ["CUT", "Cut", "Seam", "cut_cycle", "is_cycle", "one_each", "period", "seam", "strides"]
+
+CUT = "_cycle"
+"""Added to the name of a file for the cycle that is cut from it."""
 
 RATE_HZ = 60.0
 
@@ -164,7 +168,7 @@ def cut_cycle(clip: Clip, count: int = 1) -> Cut | None:
     part = slice(first, last + 1)
     cycle = closed(Motion(clip.motion.skeleton, fps, clip.motion.root[part], clip.motion.rotations[part]))
     found = seam(clip, first, last)
-    return Cut(clip_of(clip.path.with_name(f"{clip.path.stem}_cycle.bvh"), cycle), first, last, found)
+    return Cut(clip_of(clip.path.with_name(f"{clip.path.stem}{CUT}.bvh"), cycle), first, last, found)
 
 
 def _stances(clip: Clip, frames: F64) -> list[int]:
@@ -194,3 +198,33 @@ def closed(motion: Motion) -> Motion:
     root = motion.root - motion.root[:1] * np.array([1.0, 0.0, 1.0])
     root[:, 1] += share * (root[0, 1] - root[-1, 1])
     return Motion(motion.skeleton, motion.fps, root, quat.normalize(rotations))
+
+
+def one_each(clips: list[Clip]) -> tuple[list[Clip], list[Refused], dict[str, Cut], int]:
+    """Clips that are one cycle each, cut where they are longer; the others; the cuts; and the strides of a cycle."""
+    closed = [is_cycle(clip) for clip in clips]
+    own = [strides(clip) if whole else (0, 0.0, 0.0) for clip, whole in zip(clips, closed, strict=True)]
+    steps = Counter(count for count, _, _ in own if count)
+    count = steps.most_common(1)[0][0] if steps else 1
+    stems = {clip.path.stem for clip in clips}
+    middle = np.angle(sum(np.exp(2j * np.pi * share) for n, share, _ in own if n == count))
+    kept, refused, cuts = [], [], {}
+    for clip, whole, (n, share, _) in zip(clips, closed, own, strict=True):
+        if not whole:
+            if f"{clip.path.stem}{CUT}" in stems:
+                continue  # its cycle is there already
+            cut = cut_cycle(clip, count)
+            if cut is None:
+                refused.append(
+                    Refused(clip.name, "is not one cycle, and no stride of it repeats", "cut it to one cycle")
+                )
+                continue
+            kept.append(cut.clip)
+            cuts[cut.clip.name] = cut
+        elif n not in (0, count):
+            refused.append(Refused(clip.name, f"has {n} strides, the others {count}", f"cut it to {count}"))
+        elif n and abs(np.angle(np.exp(1j * (2 * np.pi * share - middle)))) > 0.6 * np.pi:
+            refused.append(Refused(clip.name, "starts on the other foot", "start its cycle half a stride later"))
+        else:
+            kept.append(clip)
+    return kept, refused, cuts, count

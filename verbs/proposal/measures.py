@@ -14,7 +14,7 @@ from verbs.proposal.clips import Clip
 from verbs.proposal.cycles import is_cycle
 from verbs.proposal.features import stature
 
-__all__ = ["ADVERBS", "Guess", "guess", "measured"]
+__all__ = ["ADVERBS", "Guess", "guess", "measured", "strangers"]
 
 ADVERBS = {
     "joint_position": (("x", "m", "leftward (+X)"), ("y", "m", "upward (+Y)"), ("z", "m", "forward (+Z)")),
@@ -32,6 +32,9 @@ _FINGER = re.compile(r"thumb|index|middle|ring|pinky|finger|digit|toe", re.IGNOR
 
 STILL_M_S = 0.15
 """A root slower than this rests; a cycle that travels does not, at either end."""
+
+RESTING = 0.2
+"""An effector that moves less than this share of the median rests."""
 
 FLIGHT_SHARE = 0.03
 """A body flies if its root rises by this share of its stature, and its lowest joint too."""
@@ -104,6 +107,19 @@ def _flies(clip: Clip) -> bool:
     top = int(np.argmax(heights[:, 0]))
     usual = float(np.median(heights[: max(2, len(heights) // 10)].min(axis=1)))
     return bool(heights[top, 0] - heights[0, 0] > size and heights[top].min() - usual > size)
+
+
+def strangers(clips: list[Clip], found: Guess) -> dict[str, str]:
+    """Clips that do not do what is measured, by name, each with the reason: no jump, or an effector that rests."""
+    name = clips[0].motion.skeleton.names[found.effector]
+    if found.measure == "jump":
+        return {clip.name: "is no jump: root and feet do not leave the ground" for clip in clips if not _flies(clip)}
+    if found.measure == "joint_position" and found.effector:
+        moved = [_excursion(clip, found.effector) for clip in clips]
+        usual = float(np.median(moved))
+        return {clip.name: f"'{name}' moves {own:.2f} m from its start, {usual:.2f} m in the median"
+                for clip, own in zip(clips, moved, strict=True) if own < RESTING * usual}  # fmt: skip
+    return {}
 
 
 def measured(clip: Clip, measure: str, effector: int, keytimes: tuple[float, ...], keytime: int) -> F64:

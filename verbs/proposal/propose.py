@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,115 +19,29 @@ from verbs.errors import IllPosedVerb, SourceError, VerbError
 from verbs.io import bvh
 from verbs.proposal import screening, styles, unannotated
 from verbs.proposal.clips import Clip, Refused, read_folder, scaled
-from verbs.proposal.cycles import Cut, cut_cycle, is_cycle, strides
-from verbs.proposal.features import features_of
+from verbs.proposal.cycles import Cut, one_each
+from verbs.proposal.features import Features, features_of
 from verbs.proposal.keytimes import Keytimes, from_annotated
-from verbs.proposal.measures import ADVERBS, Guess, guess, measured
+from verbs.proposal.measures import ADVERBS, Guess, guess, measured, strangers
+from verbs.proposal.result import Options, Proposal
 from verbs.proposal.toml_writer import Head, Row, toml_text
 from verbs.quality.leave_one_out import left_out_errors
 
-__all__ = ["Options", "Proposal", "propose", "write"]
+__all__ = ["propose", "write"]
 
 CONSTANT = 0.005
 """A coordinate of a position that varies less than this, metres, is no adverb."""
 
 SAME_ADVERBS = 1e-6
 
-BADLY = 3.0
+BADLY = 2.5
 """A clip is predicted badly if its joint error from the others is this many times the median."""
 
+PARDON = 1.5
+"""A clip whose motion seems not to belong is kept if its joint error from the others is at most this many times the
+median."""
+
 Progress = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What the author states; the rest is guessed.
-
-    Parameters
-    ----------
-    effector, measure, unit, name : str or None
-    annotated : mapping of str to tuple of float
-        Keytimes, seconds, by file name.
-    keytime_names : tuple of str
-        Names for annotated keytimes; empty for usual ones.
-    style_csv : Path or None
-    pattern : str or None
-    """
-
-    effector: str | None = None
-    measure: str | None = None
-    unit: str | None = None
-    name: str | None = None
-    annotated: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    keytime_names: tuple[str, ...] = ()
-    style_csv: Path | None = None
-    pattern: str | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Proposal:
-    """A proposed source.
-
-    Parameters
-    ----------
-    text : str
-        Of verb.toml.
-    head : Head
-    rows : tuple of Row
-        Clips that were measured, the excluded ones among them.
-    refused : tuple of Refused
-        Files that could not be.
-    cuts : mapping of str to Cut
-        Cycles that were cut, by the name of the file to write.
-    verb : Assembled or None
-        The verb of the proposal; None where it would not build yet.
-    problem : str
-        Why it would not.
-    left_out_deg : mapping of str to float
-        Mean joint angle between a clip and its prediction from the others.
-    """
-
-    text: str
-    head: Head
-    rows: tuple[Row, ...]
-    refused: tuple[Refused, ...]
-    cuts: Mapping[str, Cut]
-    verb: Assembled | None
-    problem: str
-    left_out_deg: Mapping[str, float]
-
-    def report(self) -> dict[str, Any]:
-        """The proposal as JSON."""
-        names = [name for name, *_ in self.head.adverbs]
-        kept = [row for row in self.rows if not row.excluded]
-        return {
-            "name": self.head.name,
-            "measure": self.head.measure,
-            "effector": self.head.effector or None,
-            "looping": self.head.looping,
-            "unit": self.head.unit,
-            "keytime_names": list(self.head.keytime_names),
-            "evidence": self.head.evidence,
-            "adverbs": [{"name": n, "unit": u, "style": style} for n, u, _, style in self.head.adverbs],
-            "clips": [
-                {
-                    "file": row.file,
-                    "keytimes": list(row.keytimes.times),
-                    "confidence": list(row.keytimes.confidence),
-                    "evidence": list(row.keytimes.evidence),
-                    "adverbs": dict(zip(names, row.values, strict=True)),
-                    "left_out_deg": self.left_out_deg.get(row.file),
-                    "remarks": list(row.remarks),
-                }
-                for row in kept
-            ],
-            "excluded": [{"file": row.file, "problem": row.excluded, "advice": "remove the '#' before its lines"}
-                         for row in self.rows if row.excluded]
-            + [{"file": odd.name, "problem": odd.problem, "advice": odd.advice} for odd in self.refused],
-            "left_out_mean_deg": float(np.mean(list(self.left_out_deg.values()))) if self.left_out_deg else None,
-            "builds": self.verb is not None,
-            "problem": self.problem or None,
-        }  # fmt: skip
 
 
 def propose(folder: str | Path, options: Options | None = None, *, progress: Progress | None = None) -> Proposal:
@@ -157,13 +69,13 @@ def propose(folder: str | Path, options: Options | None = None, *, progress: Pro
     cuts: dict[str, Cut] = {}
     count = 0
     if found.measure == "root_velocity":
-        clips, odd, cuts, count = _cycles(clips)
+        clips, odd, cuts, count = one_each(clips)
         refused += odd
         if not clips:
             raise SourceError(folder, f"no clip is a cycle; the first: {odd[0].name} {odd[0].problem}")
     report("aligning", 0, 2)
     features = features_of(clips)
-    apart = {odd.name: odd.problem for odd in screening.outliers(clips, features)}
+    apart = {odd.name: odd.problem for odd in screening.outliers(clips, features)} | strangers(clips, found)
     report("aligning", 1, 2)
     keytimes, names = _keytimes(folder, clips, features, options, found, count)
     report("aligning", 2, 2)
@@ -211,38 +123,8 @@ def _words(options: Options, keytimes: list[Keytimes]) -> str:
     return (f"from {given} annotated clip{'s' * (given > 1)}" if given else "found without annotation") + sure
 
 
-def _cycles(clips: list[Clip]) -> tuple[list[Clip], list[Refused], dict[str, Cut], int]:
-    """Clips that are one cycle each, cut where they are longer; the others; the cuts; and the strides of a cycle."""
-    closed = [is_cycle(clip) for clip in clips]
-    own = [strides(clip) if whole else (0, 0.0, 0.0) for clip, whole in zip(clips, closed, strict=True)]
-    steps = Counter(count for count, _, _ in own if count)
-    count = steps.most_common(1)[0][0] if steps else 1
-    stems = {clip.path.stem for clip in clips}
-    middle = np.angle(sum(np.exp(2j * np.pi * share) for n, share, _ in own if n == count))
-    kept, refused, cuts = [], [], {}
-    for clip, whole, (n, share, _) in zip(clips, closed, own, strict=True):
-        if not whole:
-            if f"{clip.path.stem}_cycle" in stems:
-                continue  # its cycle is there already
-            cut = cut_cycle(clip, count)
-            if cut is None:
-                refused.append(
-                    Refused(clip.name, "is not one cycle, and no stride of it repeats", "cut it to one cycle")
-                )
-                continue
-            kept.append(cut.clip)
-            cuts[cut.clip.name] = cut
-        elif n not in (0, count):
-            refused.append(Refused(clip.name, f"has {n} strides, the others {count}", f"cut it to {count}"))
-        elif n and abs(np.angle(np.exp(1j * (2 * np.pi * share - middle)))) > 0.6 * np.pi:
-            refused.append(Refused(clip.name, "starts on the other foot", "start its cycle half a stride later"))
-        else:
-            kept.append(clip)
-    return kept, refused, cuts, count
-
-
 def _keytimes(
-    folder: Path, clips: list[Clip], features: list[Any], options: Options, found: Guess, count: int
+    folder: Path, clips: list[Clip], features: list[Features], options: Options, found: Guess, count: int
 ) -> tuple[list[Keytimes], tuple[str, ...]]:
     """Keytimes of all clips and their names."""
     if options.annotated:
@@ -321,33 +203,11 @@ def _adverbs(
         else:
             adverbs.append((k, (name, unit, words, False)))
     table = table[:, [k for k, _ in adverbs]]
-    styled = _styles(folder, clips, options)
+    styled = styles.styles_of([clip.name for clip in clips], options.style_csv, options.pattern)
     names = sorted({name for own in styled.values() for name in own})
     rows = [[styled[clip.name][name] for name in names] for clip in clips] if names else np.zeros((len(clips), 0))
     every = tuple(adverb for _, adverb in adverbs) + tuple((name, "none", "style", True) for name in names)
     return np.concatenate([table, np.array(rows)], axis=1), every
-
-
-def _styles(folder: Path, clips: list[Clip], options: Options) -> dict[str, dict[str, float]]:
-    """Style adverbs of every clip by file name; empty without a CSV and a pattern."""
-    found: dict[str, dict[str, float]] = {}
-    tables = []
-    if options.style_csv:
-        tables.append((str(options.style_csv), styles.from_csv(options.style_csv)))
-    if options.pattern:
-        names = [clip.name for clip in clips]
-        originals = {name: name.replace("_cycle.bvh", ".bvh") for name in names}
-        by_name = styles.from_pattern(options.pattern, [*names, *originals.values()])
-        tables.append((options.pattern, by_name))
-    for where, table in tables:
-        for clip in clips:
-            original = clip.name.replace("_cycle.bvh", ".bvh")
-            own = next((table[name] for name in (clip.name, original, clip.path.stem, Path(original).stem)
-                        if name in table), None)  # fmt: skip
-            if own is None:
-                raise SourceError(folder, f"'{clip.name}' has no style adverbs in {where}; add it, or leave it out")
-            found.setdefault(clip.name, {}).update(own)
-    return found
 
 
 def _rows(
@@ -381,33 +241,56 @@ def _judged(
     report: Progress,
 ) -> Proposal:
     """The proposal, with adverbs as the build measures them, its chart and domain, and leave-one-out errors."""
-    kept = [k for k, row in enumerate(rows) if not row.excluded]
-    made, problem, errors = None, "", np.zeros(0)
     report("judging", 0, 1)
-    try:
-        source = parse(folder / "verb.toml", tomllib.loads(toml_text(head, rows, ())))
-        made = assemble(source, [clips[k].motion for k in kept])
-    except VerbError as err:
-        problem = str(err).removeprefix(f"{folder / 'verb.toml'}").lstrip(",: ")
-    left_out: dict[str, float] = {}
+    rows = _pardoned(folder, head, rows, clips)
+    made, problem, left_out = _left_out(folder, head, rows, clips)
     if made is not None:
+        kept = [k for k, row in enumerate(rows) if not row.excluded]
         for k, values in zip(kept, made.verb.values, strict=True):
             rows[k] = replace(rows[k], values=tuple(map(float, values)))
-        try:
-            method = "corrected" if "smooth" in made.verb.bases else "rbf"
-            errors = np.degrees(left_out_errors(made.verb, (method,))[0][0])
-        except IllPosedVerb:  # too few clips to leave one out
-            errors = np.zeros(0)
         head = replace(head, evidence={**head.evidence, "chart": made.chart_reason, "domain": describe(made.verb)})
-    for k, error in zip(kept, errors, strict=False):
-        left_out[rows[k].file] = float(error)
-        if error > BADLY * np.median(errors):
-            words = (f"check: the other clips predict it badly, {error:.1f}° per joint "
-                     f"against {np.median(errors):.1f}° in the median")  # fmt: skip
-            rows[k] = replace(rows[k], remarks=(*rows[k].remarks, words))
+    usual = float(np.median(list(left_out.values()))) if left_out else np.inf
+    for k, row in enumerate(rows):
+        error = left_out.get(row.file, 0.0)
+        if error > BADLY * usual:
+            words = f"check: the others predict it badly, {error:.1f}° per joint, {usual:.1f}° in the median"
+            rows[k] = replace(row, remarks=(*row.remarks, words))
     report("judging", 1, 1)
     sentences = [f"{odd.name}: {odd.problem}; {odd.advice}" for odd in refused]
     if problem:
         sentences.append(f"This does not build yet: {problem}")
     text = toml_text(head, rows, sentences)
     return Proposal(text, head, tuple(rows), tuple(refused), cuts, made, problem, left_out)
+
+
+def _left_out(
+    folder: Path, head: Head, rows: list[Row], clips: list[Clip]
+) -> tuple[Assembled | None, str, dict[str, float]]:
+    """The verb of the rows that are not excluded, why there is none, and leave-one-out errors by file, degrees."""
+    kept = [k for k, row in enumerate(rows) if not row.excluded]
+    try:
+        source = parse(folder / "verb.toml", tomllib.loads(toml_text(head, rows, ())))
+        made = assemble(source, [clips[k].motion for k in kept])
+    except VerbError as err:
+        return None, str(err).removeprefix(f"{folder / 'verb.toml'}").lstrip(",: "), {}
+    method = "corrected" if "smooth" in made.verb.bases else "rbf"
+    try:
+        errors = np.degrees(left_out_errors(made.verb, (method,))[0][0])
+    except IllPosedVerb:  # too few clips to leave one out
+        return made, "", {}
+    return made, "", {rows[k].file: float(error) for k, error in zip(kept, errors, strict=True)}
+
+
+def _pardoned(folder: Path, head: Head, rows: list[Row], clips: list[Clip]) -> list[Row]:
+    """Rows in which a clip that seems not to belong is kept after all, if the others predict it as well as others."""
+    apart = [k for k, row in enumerate(rows) if row.excluded.startswith(screening.APART)]
+    if not apart:
+        return rows
+    every = [replace(row, excluded="") if k in apart else row for k, row in enumerate(rows)]
+    _, _, errors = _left_out(folder, head, every, clips)
+    usual = [errors[row.file] for k, row in enumerate(rows) if row.file in errors and k not in apart]
+    for k in apart:
+        if rows[k].file in errors and errors[rows[k].file] <= PARDON * float(np.median(usual)):
+            remark = f"check: {rows[k].excluded}; the others predict it well"
+            rows[k] = replace(rows[k], excluded="", remarks=(*rows[k].remarks, remark))
+    return rows

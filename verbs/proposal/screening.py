@@ -12,7 +12,7 @@ from verbs.proposal.clips import Clip, Refused
 from verbs.proposal.features import Features, distances, stature
 from verbs.skeleton import Skeleton
 
-__all__ = ["guess_unit", "outliers", "screen"]
+__all__ = ["APART", "guess_unit", "outliers", "screen"]
 
 BODY_M = (1.2, 2.2)
 """Height of the joints of a body, metres, by which a unit is guessed: people of 1.5 to 2.0 m, crouching too."""
@@ -28,6 +28,9 @@ BACKWARDS_RAD = np.radians(120.0)
 NEIGHBOURS, OUTLIER_Z, OUTLIER_RATIO = 3, 7.0, 1.6
 """A clip does not belong if its mean distance to its nearest clips is this many deviations above, and this many times,
 the median."""
+
+APART = "its motion does not belong"
+"""Beginning of the reason for an outlier."""
 
 SAME_M = 1e-3
 """Clips whose joints differ less than this at every frame are the same."""
@@ -168,7 +171,7 @@ def outliers(clips: list[Clip], features: list[Features]) -> list[Refused]:
     usual = float(np.median(near))
     spread = max(1.4826 * float(np.median(np.abs(near - usual))), 0.08 * usual)
     return [
-        Refused(clip.name, f"its motion does not belong: {own / usual:.1f} × as far from its nearest clips as usual",
+        Refused(clip.name, f"{APART}: {own / usual:.1f} × as far from its nearest clips as usual",
                 "leave it out, or trim it to the same action")
         for clip, own in zip(clips, near, strict=True)
         if own > usual + OUTLIER_Z * spread and own > OUTLIER_RATIO * usual

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from verbs.errors import SourceError
+from verbs.proposal.cycles import CUT
 
-__all__ = ["MAX_CSV_BYTES", "from_csv", "from_pattern"]
+__all__ = ["MAX_CSV_BYTES", "from_csv", "from_pattern", "styles_of"]
 
 MAX_CSV_BYTES = 4 * 1024 * 1024
 
@@ -18,6 +19,31 @@ _NUMBER = r"[+-]?\d+(?:\.\d+)?"
 
 Styles = dict[str, dict[str, float]]
 """Values of the style adverbs by file name."""
+
+
+def styles_of(names: Sequence[str], style_csv: Path | None, pattern: str | None) -> Styles:
+    """Style adverbs of files from a CSV file and a pattern; empty without both.
+
+    A file that was cut from another has the adverbs of that one.
+
+    Raises
+    ------
+    SourceError
+        If a file has none.
+    """
+    found: Styles = {}
+    originals = {name: name.replace(CUT, "") for name in names}
+    tables = [(style_csv, from_csv(style_csv))] if style_csv else []
+    if pattern:
+        tables.append((Path(pattern), from_pattern(pattern, [*names, *originals.values()])))
+    for where, table in tables:
+        for name, original in originals.items():
+            keys = (name, original, Path(name).stem, Path(original).stem)
+            own = next((table[key] for key in keys if key in table), None)
+            if own is None:
+                raise SourceError(where, f"has no style adverbs for '{name}'; add it, or leave the clip out")
+            found.setdefault(name, {}).update(own)
+    return found
 
 
 def from_csv(path: Path) -> Styles:

@@ -11,7 +11,8 @@ from tests.verbs.proposal.test_keytimes import repeated
 from verbs.authoring.fit import build
 from verbs.errors import SourceError, UnknownName
 from verbs.io import bvh
-from verbs.proposal.propose import Options, propose, write
+from verbs.proposal.propose import propose, write
+from verbs.proposal.result import Options
 from verbs.quality.leave_one_out import left_out_errors
 
 
@@ -135,6 +136,29 @@ def test_long_walks_become_cycles_that_build(tmp_path):
     assert sorted(path.name for path in folder.glob("*_cycle.bvh")) == [row.file for row in proposal.rows]
     again = propose(folder)
     assert [row.file for row in again.rows] == [row.file for row in proposal.rows]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "wrong", "reason"),
+    [
+        ("punch", "kick/KickForwardMedium.bvh", "does not belong"),
+        ("jump", "reach/ReachBackLow.bvh", "is no jump"),
+        ("reach", "jump/JumpUpHigh.bvh", "does not belong"),
+        ("kick", "punch/PunchForwardMediumFar.bvh", "predict it badly"),
+    ],
+)
+def test_a_captured_clip_of_another_action_is_named(mocap, tmp_path, name, wrong, reason):
+    folder = tmp_path / name
+    folder.mkdir()
+    for path in [*(mocap / name).glob("*.bvh"), mocap / wrong]:
+        shutil.copy(path, folder)
+    proposal = propose(folder)
+    odd = {row.file: " ".join([row.excluded, *row.remarks]).strip() for row in proposal.rows}
+    found = {file: words for file, words in odd.items() if words}
+    assert set(found) == {wrong.split("/")[1]}
+    assert reason in next(iter(found.values()))
+    assert proposal.verb is not None
 
 
 @pytest.mark.slow

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from tests.verbs.sources import arm_source
+from tests.verbs.sources import arm_source, hand
 from verbs.authoring.fit import build
 from verbs.cli import app
 from verbs.domain import inside
 from verbs.errors import OutOfRange
-from verbs.proposal.suggest import Expected, suggest
-from verbs.quality.leave_one_out import left_out_errors
+from verbs.proposal.suggest import Kriging, suggest
+from verbs.runtime.support import Support
 
 ANGLES = {f"a{i}{j}": (0.1 + 0.25 * i, 0.2 + 0.25 * j) for i in range(5) for j in range(5)}
 
@@ -26,13 +26,16 @@ def holed(tmp_path_factory):
     return verb, [ANGLES[name] for name in left_out]
 
 
-def test_the_first_suggestion_is_where_examples_are_missing(holed):
-    verb, _ = holed
+def test_suggestions_are_apart_from_examples_and_fill_the_hole(holed):
+    verb, angles = holed
     best = suggest(verb, 1)[0]
     distance = np.linalg.norm(verb.values - best.adverbs, axis=1).min()
     spacing = [np.sort(np.linalg.norm(verb.values - one, axis=1))[1] for one in verb.values]
-    assert distance > 1.1 * np.median(spacing)
-    assert set(best.nearest) & {"a11", "a12", "a13", "a14", "a21", "a24", "a31", "a34", "a41", "a42", "a43"}
+    assert distance > 0.4 * np.median(spacing)
+    hole = np.array([hand(*pair) for pair in angles])
+    found = np.array([one.adverbs for one in suggest(verb, 6)])
+    gaps = np.linalg.norm(found[:, None] - hole[None], axis=-1).min(axis=1)
+    assert gaps.min() < 0.06  # one of the six is in the hole
 
 
 def test_suggestions_keep_apart_and_gains_fall(holed):
@@ -51,18 +54,23 @@ def test_suggestions_keep_apart_and_gains_fall(holed):
         assert np.isfinite(one.positions).all()
 
 
-def test_the_expected_error_is_that_of_left_out_examples_where_roughness_is_even(holed):
+def test_the_drop_is_that_of_kriging_with_the_example_made(holed):
     verb, _ = holed
-    errors = left_out_errors(verb, ("corrected",))[0][0]
-    model = Expected.of_verb(verb, errors)
-    centers = verb.domain.chart.points(verb.values)
-    assert np.abs(model.covariance(centers, centers)).max() < 1e-6  # no error at an example
-    keep = np.arange(len(errors)) != 7
-    gaps, point = model._kernel(centers[keep], centers[keep]), centers[7:8]
-    system = np.block([[gaps, np.ones((len(gaps), 1))], [np.ones((1, len(gaps))), np.zeros((1, 1))]])
-    row = np.append(model._kernel(point, centers[keep])[0], 1.0)
-    variance = -row @ np.linalg.solve(system, row)
-    assert errors[7] / np.sqrt(variance) == pytest.approx(model.roughness[7], rel=1e-4)
+    arrays = Support.of_verb(verb).arrays
+    model = Kriging.of_points(np.array(arrays.centers), float(arrays.radius))
+    places = verb.domain.chart.points(np.array([one.adverbs for one in suggest(verb, 4)]))
+    drops = model.drop(places[1:], places[:1])[:, 0]
+    after = Kriging.of_points(np.concatenate([model.centers, places[:1]]), model.radius)
+    assert drops == pytest.approx(1.0 - np.sqrt(after.variance(places[1:]) / model.variance(places[1:])), abs=1e-6)
+
+
+def test_the_variance_is_zero_at_an_example_and_that_of_support_elsewhere(holed):
+    verb, _ = holed
+    arrays = Support.of_verb(verb).arrays
+    model = Kriging.of_points(np.array(arrays.centers), float(arrays.radius))
+    assert model.variance(model.centers).max() < 1e-6
+    one = Kriging.of_points(np.delete(model.centers, 3, axis=0), model.radius)
+    assert one.variance(model.centers[3:4])[0] == pytest.approx(1.0 / model.inverse[3, 3], rel=1e-4)
 
 
 def test_a_number_out_of_range_is_refused(holed):
@@ -87,7 +95,7 @@ def test_the_command_prints_reasons_and_draws_poses(tmp_path):
 
 
 def test_init_prints_a_table_and_json(tmp_path):
-    folder = arm_source(tmp_path / "arm", angles={name: (a + 0.3, b + 0.3) for name, (a, b) in ANGLES.items()})
+    folder = arm_source(tmp_path / "arm", angles=ANGLES)
     refused = CliRunner().invoke(app, ["init", str(folder)])
     assert refused.exit_code == 1
     assert "--force" in str(refused.exception)

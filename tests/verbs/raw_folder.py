@@ -18,7 +18,7 @@ FPS = 30.0
 ARMS = ("Shoulder", "Arm", "ForeArm", "Hand")
 
 AWKWARD = {
-    "wrong.bvh": "does not belong",
+    "wrong.bvh": "'RightHand' moves 0.00 m from its start",
     "centimetres.bvh": "another unit of length",
     "renamed.bvh": "'RightWrist' where the others have 'RightHand'",
     "truncated.bvh": "cannot be read",

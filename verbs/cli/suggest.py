@@ -58,16 +58,24 @@ def suggest_command(
 
 
 def _draw(verb: Verb, found: list[Suggestion], path: Path) -> None:
-    """A strip of the poses guessed at the suggestions."""
+    """A strip of the poses guessed at the suggestions, with the goals of positions."""
+    import numpy as np
+
     from verbs.figures import canvas
-    from verbs.figures.draw import draw_poses
+    from verbs.figures.draw import draw_poses, points
     from verbs.figures.strips import view_of
+    from verbs.kernels.measure import POSITION
+    from verbs.proposal.suggest import guess_phase
+    from verbs.runtime.evaluate import Evaluator
 
     canvas.require()
+    evaluator, goals = Evaluator(verb), np.array([one.adverbs for one in found])
+    poses = evaluator.pose(goals, phase=guess_phase(verb), plant=False)
+    marks = list(evaluator.goal.points(goals)) if verb.measure.kind == POSITION else []
     labels = [", ".join(f"{adverb.name} {value:.2f}" for adverb, value in zip(verb.adverbs, one.adverbs, strict=True))
               for one in found]  # fmt: skip
-    draw_poses(verb.skeleton, [one.positions for one in found], path, view=view_of(verb), columns=len(found),
-               labels=labels)  # fmt: skip
+    bodies = list(points(verb.skeleton, poses.root, poses.rotations))
+    draw_poses(verb.skeleton, bodies, path, view=view_of(verb), columns=min(len(found), 8), labels=labels, marks=marks)
 
 
 def _record(verb: Verb, one: Suggestion) -> dict[str, Any]:

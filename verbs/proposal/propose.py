@@ -84,9 +84,10 @@ def propose(folder: str | Path, options: Options | None = None, *, progress: Pro
     values, adverbs = _adverbs(folder, clips, keytimes, found, marker, options)
     rows = _rows(clips, keytimes, values, apart, cuts)
     effector = clips[0].motion.skeleton.names[found.effector] if found.measure == "joint_position" else ""
+    kept = sum(not row.excluded for row in rows)
     head = Head(
-        options.name or _name(folder), f"Proposed from {len(clips)} clips.", found.measure == "root_velocity",
-        found.measure, effector, marker, names, unit, adverbs, evidence,
+        options.name or _name(folder), f"Proposed from {kept} clips.", found.measure == "root_velocity", found.measure,
+        effector, marker, names, unit, adverbs, evidence,
     )  # fmt: skip
     return _judged(folder, head, rows, clips, refused, cuts, report)
 

@@ -46,7 +46,8 @@ def guess_unit(clips: list[Clip]) -> tuple[str, str]:
     if not fitting:
         return "m", f"joints span {height:.3g} units of height, which is no person in any unit: check this"
     unit = fitting[0]
-    return unit, f"joints span {height:.3g} {unit} of height, {height * METRES_PER_UNIT[unit]:.2f} m"
+    metres = "" if unit == "m" else f", {height * METRES_PER_UNIT[unit]:.2f} m"
+    return unit, f"joints span {height:.3g} {unit} of height{metres}: a person"
 
 
 def screen(clips: list[Clip]) -> Checked:
@@ -112,7 +113,7 @@ def _spins(clips: list[Clip]) -> list[tuple[str, str] | None]:
     names, worst = clips[0].motion.skeleton.names, (turns * spinning).argmax(axis=1)
     return [
         (f"joint '{names[joint]}' spins {np.degrees(own[joint]):.0f}° away from its start",
-         "unwind the joint, or export it without the spin")
+         "add it with a [[mend]] of kind 'spin', or export it without the spin")
         if spins.any() else None
         for own, spins, joint in zip(turns, spinning, worst, strict=True)
     ]  # fmt: skip
@@ -146,8 +147,9 @@ def _facing(clips: list[Clip]) -> list[tuple[str, str] | None]:
     for angle in found:
         off = 0.0 if angle is None else float(np.angle(np.exp(1j * (angle - usual))))
         turn = np.degrees(off)
-        problems.append((f"starts facing {abs(turn):.0f}° away from the others", f"turn it by {-turn:.0f}° about +Y")
-                        if abs(off) > BACKWARDS_RAD else None)  # fmt: skip
+        advice = f"add it with a [[mend]] of kind 'heading', or turn it by {-turn:.0f}° about +Y"
+        problem = (f"starts facing {abs(turn):.0f}° away from the others", advice)
+        problems.append(problem if abs(off) > BACKWARDS_RAD else None)
     return problems
 
 

@@ -30,7 +30,7 @@ from verbs.runtime.evaluate import Evaluator
 from verbs.runtime.support import RADIUS_SHARE, Support
 from verbs.verb import Verb
 
-__all__ = ["MOST", "Kriging", "Suggestion", "suggest"]
+__all__ = ["MOST", "Kriging", "Suggestion", "guess_phase", "suggest"]
 
 MOST = 50
 """Largest number of suggestions."""
@@ -82,7 +82,7 @@ class Suggestion:
     helped_error : float
         Mean leave-one-out error of these now, radians.
     positions : (J, 3) float64
-        Joint positions of the pose guessed there, at the effector's keytime or halfway, metres.
+        Joint positions of the pose guessed there, at the phase of :func:`guess_phase`, metres.
     """
 
     adverbs: F64
@@ -169,6 +169,13 @@ def suggest(verb: Verb, count: int = 5) -> list[Suggestion]:
     return _described(verb, goals[chosen], expected, gains, drops, errors)
 
 
+def guess_phase(verb: Verb) -> float:
+    """Phase of the pose that is guessed: that of the measured keytime, the start of a cycle, or halfway."""
+    if verb.measure.keytime >= 0:
+        return float(verb.phases[verb.measure.keytime])
+    return 0.0 if verb.looping else 0.5
+
+
 def _greedy(
     centers: F64, radius: float, errors: F64, points: F64, samples: F64, count: int
 ) -> tuple[list[int], F64, list[float]]:
@@ -217,8 +224,7 @@ def _described(verb: Verb, goals: F64, expected: F64, gains: list[float], drops:
     evaluator = Evaluator(verb)
     blend = evaluator.blend(goals)
     support = evaluator.support(blend)
-    phase = float(verb.phases[verb.measure.keytime]) if verb.measure.keytime >= 0 else 0.5
-    _, positions = evaluator.positions(evaluator.pose_of(blend, phase=phase, plant=False))
+    _, positions = evaluator.positions(evaluator.pose_of(blend, phase=guess_phase(verb), plant=False))
     found = []
     for k, goal in enumerate(goals):
         helped = np.argsort(-drops[k])[:3]

@@ -37,6 +37,9 @@ SAME_ADVERBS = 1e-6
 BADLY = 2.5
 """A clip is predicted badly if its joint error from the others is this many times the median."""
 
+SAMPLES = 240
+"""Samples of curves while a proposal is judged; keytimes, where adverbs are measured, are among them."""
+
 PARDON = 1.5
 """A clip whose motion seems not to belong is kept if its joint error from the others is at most this many times the
 median."""
@@ -271,6 +274,7 @@ def _left_out(
     kept = [k for k, row in enumerate(rows) if not row.excluded]
     try:
         source = parse(folder / "verb.toml", tomllib.loads(toml_text(head, rows, ())))
+        source = source if head.looping else replace(source, samples=SAMPLES)
         made = assemble(source, [clips[k].motion for k in kept])
     except VerbError as err:
         return None, str(err).removeprefix(f"{folder / 'verb.toml'}").lstrip(",: "), {}

@@ -58,7 +58,7 @@ class Proposal:
     cuts : mapping of str to Cut
         Cycles that were cut, by the name of the file to write.
     verb : Assembled or None
-        The verb of the proposal; None where it would not build yet.
+        The verb of the proposal, with fewer samples than a build has; None where it would not build yet.
     problem : str
         Why it would not.
     left_out_deg : mapping of str to float

@@ -117,6 +117,14 @@ def turned(motion: Motion, angle: float) -> Motion:
     return Motion(motion.skeleton, motion.fps, quat.rotate(about, motion.root), rotations)
 
 
+def zup(motion: Motion) -> Motion:
+    """A motion with +Z up and -Y forward."""
+    about = quat.exp(np.array([0.5 * np.pi, 0.0, 0.0]))
+    rotations = motion.rotations.copy()
+    rotations[:, 0] = quat.mul(about, rotations[:, 0])
+    return Motion(motion.skeleton, motion.fps, quat.rotate(about, motion.root), rotations)
+
+
 def spinning(motion: Motion, joint: str) -> Motion:
     """A motion in which one joint turns once about the limb's axis, and stays there."""
     rotations, index = motion.rotations.copy(), motion.skeleton.index(joint)

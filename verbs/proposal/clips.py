@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from verbs.clips import orientation
 from verbs.conventions import F32, F64
 from verbs.errors import SourceError, VerbError
-from verbs.io import bvh
+from verbs.io import motion_files
+from verbs.io.motion_files import CHANGES, ENDINGS
 from verbs.kernels import fk, quat
 from verbs.motion import Motion
 
-__all__ = ["ENDINGS", "Clip", "Refused", "clip_of", "read_clip", "read_folder", "scaled"]
-
-ENDINGS = (".bvh",)
-"""Endings of files that :func:`read_clip` reads."""
+__all__ = ["Clip", "Refused", "clip_of", "read_clip", "read_folder", "scaled", "turned", "turned_back"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -35,12 +34,15 @@ class Clip:
         Joint positions in the space of the motion, metres.
     headings : (F,) float64
         Rotation of the root about +Y since the first frame, radians, continuous.
+    notes : tuple of str
+        What the reader changed or left out.
     """
 
     path: Path
     motion: Motion
     positions: F32
     headings: F64
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -81,7 +83,7 @@ class Refused:
     readable: bool = True
 
 
-def clip_of(path: Path, motion: Motion) -> Clip:
+def clip_of(path: Path, motion: Motion, notes: tuple[str, ...] = ()) -> Clip:
     """A clip of a motion in metres."""
     skeleton = motion.skeleton
     positions = np.empty((len(motion), len(skeleton), 3), np.float32)
@@ -89,7 +91,7 @@ def clip_of(path: Path, motion: Motion) -> Clip:
         part = slice(first, first + 4096)
         _, found = fk.forward(motion.root[part], motion.rotations[part], skeleton.parents, skeleton.offsets)
         positions[part] = found
-    return Clip(path, motion, positions, _headings(motion))
+    return Clip(path, motion, positions, _headings(motion), notes)
 
 
 def _headings(motion: Motion) -> F64:
@@ -101,7 +103,8 @@ def _headings(motion: Motion) -> F64:
 
 def read_clip(path: Path, unit: str = "m") -> Clip:
     """Read one file; raises :class:`verbs.errors.MotionFileError`."""
-    return clip_of(path, bvh.read(path, unit=unit))
+    file = motion_files.read(path, unit=unit)
+    return clip_of(path, file.motion, tuple(note.text for note in file.report.notes if note.kind in CHANGES))
 
 
 def read_folder(folder: Path, *, unit: str, report: Progress) -> tuple[list[Clip], list[Refused]]:
@@ -139,3 +142,15 @@ def scaled(clip: Clip, factor: float) -> Clip:
     larger = replace(skeleton, offsets=skeleton.offsets * factor, tip_offsets=skeleton.tip_offsets * factor)
     grown = Motion(larger, motion.fps, motion.root * factor, motion.rotations)
     return replace(clip, motion=grown, positions=clip.positions * np.float32(factor))
+
+
+def turned(clip: Clip, up: str, forward: str) -> Clip:
+    """A clip whose axes ``up`` and ``forward`` have become +Y and +Z."""
+    return clip_of(clip.path, orientation.convert(clip.motion, up=up, forward=forward), clip.notes)
+
+
+def turned_back(clip: Clip, up: str, forward: str) -> Clip:
+    """The inverse of :func:`turned`."""
+    axes = [orientation.AXES[name] for name in (up, forward)]
+    rows = np.stack([np.cross(*axes), *axes])  # of the rotation that turns the file's axes to +X, +Y, +Z
+    return turned(clip, orientation.axis_name(rows[:, 1]), orientation.axis_name(rows[:, 2]))

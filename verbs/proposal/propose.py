@@ -18,7 +18,7 @@ from verbs.domain import describe
 from verbs.errors import IllPosedVerb, SourceError, VerbError
 from verbs.io import bvh
 from verbs.proposal import screening, styles, unannotated
-from verbs.proposal.clips import Clip, Refused, read_folder, scaled
+from verbs.proposal.clips import Clip, Refused, read_folder, scaled, turned, turned_back
 from verbs.proposal.cycles import Cut, one_each
 from verbs.proposal.features import Features, features_of
 from verbs.proposal.keytimes import Keytimes, from_annotated
@@ -59,11 +59,14 @@ def propose(folder: str | Path, options: Options | None = None, *, progress: Pro
     """
     options, report, folder = options or Options(), progress or (lambda stage, done, total: None), Path(folder)
     clips, refused = read_folder(folder, unit=options.unit or "m", report=report)
+    evidence: dict[str, str] = {}
+    up, forward, evidence["axes"] = screening.axes(clips) if clips else ("+Y", "+Z", "")
+    if (up, forward) != ("+Y", "+Z"):
+        clips = [turned(clip, up, forward) for clip in clips]
     clips, odd = screening.screen(clips)
     refused += odd
     if not clips:
         raise SourceError(folder, f"no clip can be used; the first: {refused[0].name} {refused[0].problem}")
-    evidence: dict[str, str] = {}
     unit = options.unit or "m"
     if not options.unit:
         unit, evidence["unit"] = screening.guess_unit(clips)
@@ -90,7 +93,7 @@ def propose(folder: str | Path, options: Options | None = None, *, progress: Pro
     kept = sum(not row.excluded for row in rows)
     head = Head(
         options.name or _name(folder), f"Proposed from {kept} clips.", found.measure == "root_velocity", found.measure,
-        effector, marker, names, unit, adverbs, evidence,
+        effector, marker, names, unit, adverbs, evidence, up, forward,
     )  # fmt: skip
     return _judged(folder, head, rows, clips, refused, cuts, report)
 
@@ -107,8 +110,9 @@ def write(proposal: Proposal, folder: str | Path, *, force: bool = False) -> Pat
     if path.exists() and not force:
         raise SourceError(path, "exists already; add --force to replace it")
     for name, cut in proposal.cuts.items():
-        motion = scaled(cut.clip, 1.0 / METRES_PER_UNIT[proposal.head.unit]).motion
-        bvh.write(motion, Path(folder) / name)
+        head = proposal.head
+        clip = scaled(turned_back(cut.clip, head.up, head.forward), 1.0 / METRES_PER_UNIT[head.unit])
+        bvh.write(clip.motion, Path(folder) / name)
     path.write_text(proposal.text, "utf-8")
     return path
 
@@ -220,7 +224,7 @@ def _rows(
     """One row per clip; a clip with the adverbs of an earlier one, or whose motion does not belong, is excluded."""
     rows: list[Row] = []
     for k, (clip, own) in enumerate(zip(clips, keytimes, strict=True)):
-        remarks, reason = [], apart.get(clip.name, "")
+        remarks, reason = list(clip.notes), apart.get(clip.name, "")
         if clip.name in cuts:
             cut = cuts[clip.name]
             remarks.append(

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
 
+from verbs.clips import orientation
 from verbs.conventions import F64, METRES_PER_UNIT
 from verbs.kernels import quat
 from verbs.proposal.clips import Clip, Refused
 from verbs.proposal.features import Features, distances, stature
 from verbs.skeleton import Skeleton
 
-__all__ = ["APART", "guess_unit", "outliers", "screen"]
+__all__ = ["APART", "axes", "guess_unit", "outliers", "screen"]
 
 BODY_M = (1.2, 2.2)
 """Height of the joints of a body, metres, by which a unit is guessed: people of 1.5 to 2.0 m, crouching too."""
@@ -22,6 +24,9 @@ SCALES = (100.0, 10.0, 1000.0, 39.37, 30.48, 2.54, 3.28)
 
 SPIN_RAD = np.radians(270.0)
 """A joint that turns this far from its first rotation in one clip spins: blends of it with others are ambiguous."""
+
+CERTAIN = 0.5
+"""Confidence from which on an orientation counts."""
 
 BACKWARDS_RAD = np.radians(120.0)
 
@@ -119,21 +124,24 @@ def _spins(clips: list[Clip]) -> list[tuple[str, str] | None]:
     ]  # fmt: skip
 
 
-def facing(clip: Clip) -> float | None:
-    """Angle from +Z, radians, of where a body faces at its first frame; None without left and right joints.
+def axes(clips: list[Clip]) -> tuple[str, str, str]:
+    """Axes that are up and forward in most files, and the evidence; +Y and +Z where the bodies show nothing."""
+    found = [orientation.find(clip.motion) for clip in clips]
+    sure = [one for one in found if one.confidence >= CERTAIN]
+    if len(sure) <= len(clips) / 2:
+        return "+Y", "+Z", f"taken for granted: {len(sure)} of {len(clips)} clips show their axes"
+    usual, count = Counter(one.text for one in sure).most_common(1)[0]
+    first = next(one for one in sure if one.text == usual)
+    words = f"{usual} in {count} of {len(clips)} clips: {', '.join(first.evidence)}"
+    return orientation.axis_name(first.up), orientation.axis_name(first.forward), words
 
-    Forward is left × up, left from the right to the left joints by their names. Where the axes of files are guessed,
-    that belongs here.
-    """
-    names = [name.lower() for name in clip.motion.skeleton.names]
-    pairs = [(k, names.index(name.replace("left", "right"))) for k, name in enumerate(names)
-             if "left" in name and name.replace("left", "right") in names]  # fmt: skip
-    if not pairs:
+
+def facing(clip: Clip) -> float | None:
+    """Angle from +Z, radians, of where a body faces at its first frame; None where that is not known."""
+    found = orientation.find(clip.motion, up="+Y")
+    if found.confidence < CERTAIN:
         return None
-    start = clip.positions[0].astype(np.float64)
-    across = [start[left] - start[right] for left, right in pairs]
-    left = np.sum([one / max(float(np.linalg.norm(one)), 1e-9) for one in across], axis=0)
-    return float(np.arctan2(-left[2], left[0]))
+    return float(np.arctan2(found.facing[0], found.facing[2]))
 
 
 def _facing(clips: list[Clip]) -> list[tuple[str, str] | None]:

@@ -39,6 +39,8 @@ class Head:
     unit: str
     adverbs: tuple[tuple[str, str, str, bool], ...]
     evidence: dict[str, str] = field(default_factory=dict)
+    up: str = "+Y"
+    forward: str = "+Z"
 
 
 def toml_text(head: Head, rows: Sequence[Row], unreadable: Sequence[str]) -> str:
@@ -61,8 +63,8 @@ def toml_text(head: Head, rows: Sequence[Row], unreadable: Sequence[str]) -> str
         f"  # {_comment(why.get('keytimes', ''))}",
         *([f"# chart: {_comment(why['chart'])}"] if why.get("chart") else []),
         *([f"# domain: {_comment(why['domain'])}"] if why.get("domain") else []),
-        'up_axis = "+Y"',
-        'forward_axis = "+Z"' + (f"  # {_comment(why['facing'])}" if why.get("facing") else ""),
+        f'up_axis = "{head.up}"' + (f"  # {_comment(why['axes'])}" if why.get("axes") else ""),
+        f'forward_axis = "{head.forward}"',
         "",
         "[units]",
         f'length = "{head.unit}"  # {_comment(why.get("unit", "given"))}',

@@ -10,7 +10,7 @@ from tests.verbs import raw_folder, walker
 from tests.verbs.proposal.test_keytimes import repeated
 from verbs.authoring.fit import build
 from verbs.errors import SourceError, UnknownName
-from verbs.io import bvh
+from verbs.io import bvh, npz
 from verbs.proposal.propose import propose, write
 from verbs.proposal.result import Options
 from verbs.quality.leave_one_out import left_out_errors
@@ -75,6 +75,30 @@ def test_centimetres_are_recognised(tmp_path):
     assert np.abs(build(tmp_path / "reach").verb.values).max() < 2.0
 
 
+def test_axes_of_the_files_are_found_and_the_source_builds(tmp_path):
+    """Files with +Z up and -Y forward give the adverbs that files with +Y up and +Z forward give."""
+    upright = propose(raw_folder.write(tmp_path / "upright", raw_folder.reaches()))
+    lying = {name: raw_folder.zup(motion) for name, motion in raw_folder.reaches().items()}
+    folder = raw_folder.write(tmp_path / "reach", lying)
+    proposal = propose(folder)
+    assert (proposal.head.up, proposal.head.forward) == ("+Z", "-Y")
+    for one, other in zip(proposal.rows, upright.rows, strict=True):
+        assert one.values == pytest.approx(other.values, abs=1e-4)
+    write(proposal, folder)
+    built = build(folder)
+    assert built.verb.values == pytest.approx(np.array([row.values for row in upright.rows]), abs=1e-3)
+
+
+def test_clips_may_be_of_any_format(tmp_path):
+    folder = raw_folder.write(tmp_path / "reach", raw_folder.reaches())
+    motion = bvh.read(folder / "reach_3.bvh")
+    (folder / "reach_3.bvh").unlink()
+    npz.write(motion, folder / "reach_3.npz")
+    proposal = propose(folder)
+    assert [row.file for row in proposal.rows if row.file.startswith("reach_3")] == ["reach_3.npz"]
+    assert len(proposal.rows) == 9
+
+
 def test_duplicates_are_excluded(tmp_path):
     motions = raw_folder.reaches()
     motions["copy"] = motions["reach_2"]
@@ -121,11 +145,13 @@ def test_wrong_options_are_named(tmp_path):
         propose(tmp_path / "empty")
 
 
-def test_long_walks_become_cycles_that_build(tmp_path):
+@pytest.mark.parametrize("zup", [False, True])
+def test_long_walks_become_cycles(tmp_path, zup):
     folder = tmp_path / "walk"
     folder.mkdir()
     for speed in (0.7, 0.9, 1.1, 1.3):
-        bvh.write(repeated(walker.walk(speed), 5), folder / f"walk_{speed}.bvh", decimals=7)
+        walk = repeated(walker.walk(speed), 5)
+        bvh.write(raw_folder.zup(walk) if zup else walk, folder / f"walk_{speed}.bvh", decimals=7)
     proposal = propose(folder)
     assert proposal.head.measure == "root_velocity"
     assert proposal.head.looping
@@ -136,6 +162,9 @@ def test_long_walks_become_cycles_that_build(tmp_path):
     assert sorted(path.name for path in folder.glob("*_cycle.bvh")) == [row.file for row in proposal.rows]
     again = propose(folder)
     assert [row.file for row in again.rows] == [row.file for row in proposal.rows]
+    assert (again.head.up, again.head.forward) == (("+Z", "-Y") if zup else ("+Y", "+Z"))
+    for one, other in zip(again.rows, proposal.rows, strict=True):
+        assert one.values == pytest.approx(other.values, abs=1e-3)
 
 
 @pytest.mark.slow

@@ -22,11 +22,12 @@ AWKWARD = {
     "centimetres.bvh": "another unit of length",
     "renamed.bvh": "'RightWrist' where the others have 'RightHand'",
     "truncated.bvh": "cannot be read",
-    "spinning.bvh": "joint 'RightHand' spins",
-    "backwards.bvh": "away from the others",
 }
 """Clips of :func:`awkward_folder` that are refused, and a part of the reason. ``rate.bvh``, at 60 frames per second, is
 not among them."""
+
+MENDED = {"spinning.bvh": ("spin", "RightHand"), "backwards.bvh": ("heading", None)}
+"""Clips of :func:`awkward_folder` that are mended, and how."""
 
 
 def body() -> Skeleton:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from verbs.clips import orientation
+from verbs.clips.reports import Mend
 from verbs.conventions import F32, F64
 from verbs.errors import SourceError, VerbError
 from verbs.io import motion_files
@@ -35,7 +36,9 @@ class Clip:
     headings : (F,) float64
         Rotation of the root about +Y since the first frame, radians, continuous.
     notes : tuple of str
-        What the reader changed or left out.
+        What the reader changed or left out, and what was mended.
+    mends : tuple of Mend
+        Applied to the motion of the file.
     """
 
     path: Path
@@ -43,6 +46,7 @@ class Clip:
     positions: F32
     headings: F64
     notes: tuple[str, ...] = ()
+    mends: tuple[Mend, ...] = ()
 
     @property
     def name(self) -> str:

@@ -17,7 +17,7 @@ from verbs.conventions import F64, METRES_PER_UNIT
 from verbs.domain import describe
 from verbs.errors import IllPosedVerb, SourceError, VerbError
 from verbs.io import bvh
-from verbs.proposal import screening, styles, unannotated
+from verbs.proposal import repairs, screening, styles, unannotated
 from verbs.proposal.clips import Clip, Refused, read_folder, scaled, turned, turned_back
 from verbs.proposal.cycles import Cut, one_each
 from verbs.proposal.features import Features, features_of
@@ -71,6 +71,7 @@ def propose(folder: str | Path, options: Options | None = None, *, progress: Pro
     if not options.unit:
         unit, evidence["unit"] = screening.guess_unit(clips)
         clips = [scaled(clip, METRES_PER_UNIT[unit]) for clip in clips]
+    clips = repairs.turned_round([repairs.repaired(clip) for clip in clips])
     found = guess(clips, measure=options.measure, effector=options.effector)
     cuts: dict[str, Cut] = {}
     count = 0
@@ -235,7 +236,7 @@ def _rows(
                      and np.abs(values[j] - values[k]).max() < SAME_ADVERBS), None)  # fmt: skip
         if twin is not None and not reason:
             reason = f"has the same adverbs as {rows[twin].file}"
-        rows.append(Row(clip.name, own, tuple(map(float, values[k])), tuple(remarks), reason))
+        rows.append(Row(clip.name, own, tuple(map(float, values[k])), tuple(remarks), reason, clip.mends))
     return rows
 
 

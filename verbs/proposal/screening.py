@@ -1,4 +1,4 @@
-"""Clips that do not fit the others: skeleton, unit, facing, spinning joints, duplicates, motions that do not belong."""
+"""Clips that do not fit the others: skeleton, unit, duplicates, motions that do not belong; axes and facing."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import numpy as np
 
 from verbs.clips import orientation
 from verbs.conventions import F64, METRES_PER_UNIT
-from verbs.kernels import quat
 from verbs.proposal.clips import Clip, Refused
 from verbs.proposal.features import Features, distances, stature
 from verbs.skeleton import Skeleton
 
-__all__ = ["APART", "axes", "guess_unit", "outliers", "screen"]
+__all__ = ["APART", "axes", "facing", "guess_unit", "outliers", "screen"]
 
 BODY_M = (1.2, 2.2)
 """Height of the joints of a body, metres, by which a unit is guessed: people of 1.5 to 2.0 m, crouching too."""
@@ -22,13 +21,8 @@ BODY_M = (1.2, 2.2)
 SCALES = (100.0, 10.0, 1000.0, 39.37, 30.48, 2.54, 3.28)
 """Ratios of units that are in use; each is looked for both ways."""
 
-SPIN_RAD = np.radians(270.0)
-"""A joint that turns this far from its first rotation in one clip spins: blends of it with others are ambiguous."""
-
 CERTAIN = 0.5
 """Confidence from which on an orientation counts."""
-
-BACKWARDS_RAD = np.radians(120.0)
 
 NEIGHBOURS, OUTLIER_Z, OUTLIER_RATIO = 3, 7.0, 1.6
 """A clip does not belong if its mean distance to its nearest clips is this many deviations above, and this many times,
@@ -58,7 +52,7 @@ def guess_unit(clips: list[Clip]) -> tuple[str, str]:
 def screen(clips: list[Clip]) -> Checked:
     """Clips that may share a verb, and the others, each with what is wrong and what to do."""
     refused: list[Refused] = []
-    for check in (_skeletons, _still, _spins, _facing, _duplicates):
+    for check in (_skeletons, _still, _duplicates):
         clips, odd = _split(clips, check) if clips else (clips, [])
         refused += odd
     return clips, refused
@@ -107,23 +101,6 @@ def _still(clips: list[Clip]) -> list[tuple[str, str] | None]:
             for clip in clips]  # fmt: skip
 
 
-def _spins(clips: list[Clip]) -> list[tuple[str, str] | None]:
-    """Clips in which a joint turns a whole turn, which no other clip does there."""
-    turns = np.zeros((len(clips), len(clips[0].motion.skeleton)))
-    for k, clip in enumerate(clips):
-        rotations = quat.unroll(clip.motion.rotations)
-        turns[k] = 2.0 * np.arccos(np.clip(np.einsum("fja,ja->fj", rotations, rotations[0]), -1.0, 1.0)).max(axis=0)
-    turns[:, 0] = 0.0  # a root may turn round
-    spinning = (turns > SPIN_RAD) & (np.median(turns, axis=0) < np.pi)
-    names, worst = clips[0].motion.skeleton.names, (turns * spinning).argmax(axis=1)
-    return [
-        (f"joint '{names[joint]}' spins {np.degrees(own[joint]):.0f}° away from its start",
-         "add it with a [[mend]] of kind 'spin', or export it without the spin")
-        if spins.any() else None
-        for own, spins, joint in zip(turns, spinning, worst, strict=True)
-    ]  # fmt: skip
-
-
 def axes(clips: list[Clip]) -> tuple[str, str, str]:
     """Axes that are up and forward in most files, and the evidence; +Y and +Z where the bodies show nothing."""
     found = [orientation.find(clip.motion) for clip in clips]
@@ -142,23 +119,6 @@ def facing(clip: Clip) -> float | None:
     if found.confidence < CERTAIN:
         return None
     return float(np.arctan2(found.facing[0], found.facing[2]))
-
-
-def _facing(clips: list[Clip]) -> list[tuple[str, str] | None]:
-    """Clips that face the other way than most."""
-    found = [facing(clip) for clip in clips]
-    known = [angle for angle in found if angle is not None]
-    if not known:
-        return [None] * len(clips)
-    usual = float(np.angle(np.median(np.cos(known)) + 1j * np.median(np.sin(known))))
-    problems: list[tuple[str, str] | None] = []
-    for angle in found:
-        off = 0.0 if angle is None else float(np.angle(np.exp(1j * (angle - usual))))
-        turn = np.degrees(off)
-        advice = f"add it with a [[mend]] of kind 'heading', or turn it by {-turn:.0f}° about +Y"
-        problem = (f"starts facing {abs(turn):.0f}° away from the others", advice)
-        problems.append(problem if abs(off) > BACKWARDS_RAD else None)
-    return problems
 
 
 def _duplicates(clips: list[Clip]) -> list[tuple[str, str] | None]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from verbs.clips.reports import Mend
+from verbs.clips.reports import toml_text as mend_table
 from verbs.proposal.keytimes import Keytimes
 
 __all__ = ["Head", "Row", "toml_text"]
@@ -23,6 +26,7 @@ class Row:
     values: tuple[float, ...]
     remarks: tuple[str, ...] = ()
     excluded: str = ""
+    mends: tuple[Mend, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +79,9 @@ def toml_text(head: Head, rows: Sequence[Row], unreadable: Sequence[str]) -> str
     for row in rows:
         if not row.excluded:
             lines += ["", *_row(row, head.keytime_names)]
+    for row in rows:
+        for mend in row.mends:
+            lines += ["", *mend_text(mend, Path(row.file).stem, commented=bool(row.excluded))]
     if unreadable or any(row.excluded for row in rows):
         lines += ["", "# Excluded clips. Mend one, then remove the '#' before its lines, or run `adverb init` again."]
     for row in rows:
@@ -83,6 +90,11 @@ def toml_text(head: Head, rows: Sequence[Row], unreadable: Sequence[str]) -> str
             lines += ["#", f"# {row.file}: {_comment(row.excluded)}", *commented]
     lines += [f"# {_comment(sentence)}" for sentence in unreadable]
     return "\n".join(lines) + "\n"
+
+
+def mend_text(mend: Mend, example: str, *, commented: bool) -> list[str]:
+    """Lines of a [[mend]] table."""
+    return [f"# {line}" if commented else line for line in mend_table(mend, example).splitlines()]
 
 
 def _row(row: Row, names: tuple[str, ...]) -> list[str]:

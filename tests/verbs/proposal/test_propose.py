@@ -11,6 +11,7 @@ from tests.verbs.proposal.test_keytimes import repeated
 from verbs.authoring.fit import build
 from verbs.errors import SourceError, UnknownName
 from verbs.io import bvh, npz
+from verbs.proposal.clips import clip_of
 from verbs.proposal.propose import propose, write
 from verbs.proposal.result import Options
 from verbs.quality.leave_one_out import left_out_errors
@@ -37,7 +38,7 @@ def test_each_awkward_clip_is_named_with_what_to_do(awkward, name):
 def test_the_other_clips_become_a_verb(awkward):
     folder, proposal = awkward
     kept = {row.file for row in proposal.rows if not row.excluded}
-    assert kept == {*(f"reach_{k}.bvh" for k in range(9)), "rate.bvh"}
+    assert kept == {*(f"reach_{k}.bvh" for k in range(9)), "rate.bvh", *raw_folder.MENDED}
     built = build(folder)
     assert built.verb.name == "reach_set_1"
     assert built.verb.skeleton.names[built.verb.measure.effector] == "RightHand"
@@ -45,6 +46,21 @@ def test_the_other_clips_become_a_verb(awkward):
     values = tomllib.loads(proposal.text)["example"]
     stored = np.array([row["adverb_values"] for row in values])
     assert np.abs(stored - built.verb.values).max() < 1e-4
+
+
+@pytest.mark.parametrize("name", raw_folder.MENDED)
+def test_clips_that_can_be_mended_are(awkward, name):
+    folder, proposal = awkward
+    kind, joint = raw_folder.MENDED[name]
+    (row,) = [row for row in proposal.rows if row.file == name]
+    assert any(remark.startswith("mended: ") for remark in row.remarks)
+    (table,) = [one for one in tomllib.loads(proposal.text)["mend"] if one["example"] == name.removesuffix(".bvh")]
+    assert (table["kind"], table.get("joint")) == (kind, joint)
+    built = build(folder).verb
+    yaw, pitch = {"spinning.bvh": (-0.3, 0.3), "backwards.bvh": (-0.3, -0.2)}[name]
+    motion = raw_folder.reach(yaw, pitch, frames=90 if name == "spinning.bvh" else 91)
+    hand = clip_of(folder / name, motion).path_of(motion.skeleton.index("RightHand"), np.array([row.keytimes.times[1]]))
+    assert built.values[built.examples.index(name.removesuffix(".bvh"))] == pytest.approx(hand[0], abs=0.02)
 
 
 def test_apexes_and_their_confidence(awkward):

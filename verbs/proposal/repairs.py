@@ -1,0 +1,48 @@
+"""Mends of raw clips: spins and spikes of joints, and clips that face the other way; none changes a file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from verbs.clips import mends
+from verbs.clips.reports import Mend
+from verbs.proposal.clips import Clip, clip_of
+from verbs.proposal.screening import facing
+
+__all__ = ["repaired", "turned_round"]
+
+KINDS = ("spike", "spin")
+
+BACKWARDS_RAD = np.radians(120.0)
+"""A clip that starts facing farther than this from the others is turned."""
+
+
+def repaired(clip: Clip) -> Clip:
+    """A clip whose spikes and spins are mended, with the mends and a note for each."""
+    found = [report.mend for report in mends.find(clip.motion, KINDS) if report.proposed]
+    return _mended(clip, found) if found else clip
+
+
+def turned_round(clips: list[Clip]) -> list[Clip]:
+    """Clips of which those that start facing the other way than most are turned about +Y."""
+    found = [facing(clip) for clip in clips]
+    known = [angle for angle in found if angle is not None]
+    if not known:
+        return clips
+    usual = float(np.angle(np.median(np.cos(known)) + 1j * np.median(np.sin(known))))
+    turned = []
+    for clip, angle in zip(clips, found, strict=True):
+        off = 0.0 if angle is None else float(np.angle(np.exp(1j * (angle - usual))))
+        mend = Mend("heading", options={"degrees": round(float(np.degrees(off)))})
+        turned.append(_mended(clip, [mend]) if abs(off) > BACKWARDS_RAD else clip)
+    return turned
+
+
+def _mended(clip: Clip, wanted: list[Mend]) -> Clip:
+    """A clip with mends applied and noted."""
+    done = mends.apply(clip.motion, wanted)
+    notes = tuple(f"mended: {report.found}; {report.done}" for report in done.reports)
+    made = clip_of(clip.path, done.motion, (*clip.notes, *notes))
+    return replace(made, mends=(*clip.mends, *wanted))

@@ -15,6 +15,9 @@ __all__ = ["repaired", "turned_round"]
 
 KINDS = ("spike", "spin")
 
+POSTURE_DEG = 20.0
+"""Headings of clips may differ this much by posture."""
+
 BACKWARDS_RAD = np.radians(120.0)
 """A clip that starts facing farther than this from the others is turned."""
 
@@ -35,9 +38,15 @@ def turned_round(clips: list[Clip]) -> list[Clip]:
     turned = []
     for clip, angle in zip(clips, found, strict=True):
         off = 0.0 if angle is None else float(np.angle(np.exp(1j * (angle - usual))))
-        mend = Mend("heading", options={"degrees": round(float(np.degrees(off)))})
+        mend = Mend("heading", options={"degrees": _snapped(float(np.degrees(off)))})
         turned.append(_mended(clip, [mend]) if abs(off) > BACKWARDS_RAD else clip)
     return turned
+
+
+def _snapped(degrees: float) -> float:
+    """An angle, or the quarter turn next to it: a few degrees are posture."""
+    quarter = 90.0 * round(degrees / 90.0)
+    return quarter if abs(degrees - quarter) < POSTURE_DEG else round(degrees, 1)
 
 
 def _mended(clip: Clip, wanted: list[Mend]) -> Clip:

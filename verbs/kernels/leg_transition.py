@@ -23,6 +23,9 @@ STOPPED, OVERSTRETCHED, BENT_SHARE = 0.75, 0.035, 0.3
 """Bend of a knee from which on a transition stretches it less than its offset would, and by which it overstretches one
 at most, radians; share of a transition in which the bend decides."""
 
+NEAR_M = 0.03
+"""Difference of both lengths of a leg, of its line and of its bend, from which on the shorter one counts."""
+
 FULL_OFFSET_M, NO_OFFSET_M = 0.1, 1e-9
 """Offsets of an ankle from which on that applies in full, and below which a leg is that of its motion."""
 
@@ -61,8 +64,8 @@ def carry(root: Any, rotations: Any, legs: Legs, to: F64, away: F64, share: floa
     """Move the legs of a pose in a transition to offsets from those of its motion, in place.
 
     Hips, knees and feet keep the rotations that their offsets give them as far as that allows; no knee overstretches.
-    A leg has the length of its bend at first, since a straight one would start to bend at once, and then that of its
-    line.
+    A leg has the length of its bend at first, since a straight one would start to bend at once, and then the shorter
+    one of its bend and its line.
 
     Parameters
     ----------
@@ -95,9 +98,11 @@ def carry(root: Any, rotations: Any, legs: Legs, to: F64, away: F64, share: floa
         limit = _span(thigh, shin, first)
         kept = _kept(size, limit, max(STRAIGHTEST * (thigh + shin), limit))
         length = size + smooth(offset / FULL_OFFSET_M) * (kept - size)  # the motion itself may stretch a leg
-        if by_bend > 0.0:
-            bend = -_kept(-to[f, 3] - away[f, 3], -first, max(-first, 0.0) + OVERSTRETCHED)
-            length += by_bend * (_span(thigh, shin, bend) - length)
+        bend = -_kept(-to[f, 3] - away[f, 3], -first, max(-first, 0.0) + OVERSTRETCHED)
+        bent = _span(thigh, shin, bend)
+        soft = NEAR_M * smooth(5.0 * share) * smooth(5.0 * (1.0 - share))
+        shorter = 0.5 * (length + bent - np.sqrt((length - bent) ** 2 + soft * soft))
+        length = shorter + by_bend * (bent - shorter)
         out[0], out[1] = 1.0, 1.0
         scale = length / size
         out[23], out[24], out[25] = out[2] + scale * x, out[3] + scale * y, out[4] + scale * z

@@ -22,7 +22,7 @@ from verbs.kernels import fk, quat
 from verbs.motion import Motion
 from verbs.skeleton import Skeleton
 
-__all__ = ["AXES", "Orientation", "axis_name", "convert", "find", "root_frame"]
+__all__ = ["AXES", "Orientation", "axis_name", "convert", "find", "heading", "root_frame"]
 
 AXES = {f"{sign}{name}": (1.0 if sign == "+" else -1.0) * np.eye(3)[k] for sign in "+-" for k, name in enumerate("XYZ")}
 """Directions by name: ``+X`` to ``-Z``."""
@@ -137,6 +137,16 @@ def convert(motion: Motion, *, up: str | None = None, forward: str | None = None
     rotations = motion.rotations.copy()
     rotations[:, 0] = quat.mul(turn, rotations[:, 0])
     return Motion(motion.skeleton, motion.fps, quat.rotate(turn, motion.root), rotations)
+
+
+def heading(motion: Motion, frame: int = 0) -> float | None:
+    """Angle about +Y, radians, from +Z to where the body faces at a frame; positive towards +X, its left.
+
+    None where nothing shows it.
+    """
+    still = Motion(motion.skeleton, motion.fps, motion.root[[frame]], motion.rotations[[frame]])
+    _, facing, sure, _ = _forward(_Body.of_motion(still), AXES["+Y"])
+    return float(np.arctan2(facing[0], facing[2])) if sure > 0.0 or facing @ AXES["+Z"] < 1.0 else None
 
 
 def root_frame(skeleton: Skeleton, rotations: F64) -> F64:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from verbs.clips import feet
-from verbs.clips.heading import heading
+from verbs.clips.orientation import heading
 from verbs.clips.reports import Mend, Report
 from verbs.conventions import F64
 from verbs.errors import OutOfRange

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.verbs import broken_clips as broken
 from verbs.clips import mends, resample
-from verbs.clips.heading import heading
+from verbs.clips.orientation import heading
 from verbs.clips.reports import Mend, toml_text
 from verbs.errors import OutOfRange, UnknownName
 from verbs.io import bvh

@@ -54,6 +54,14 @@ class Motion:
     def __len__(self) -> int:
         return len(self.root)
 
+    def scaled(self, factor: float) -> Motion:
+        """The motion with all lengths multiplied by a factor; itself for 1."""
+        if factor == 1.0:
+            return self
+        own = self.skeleton
+        skeleton = Skeleton(own.names, own.parents, own.offsets * factor, own.tip_parents, own.tip_offsets * factor)
+        return Motion(skeleton, self.fps, self.root * factor, self.rotations)
+
     @property
     def duration_s(self) -> float:
         """Time from the first to the last frame, seconds."""

@@ -1,5 +1,6 @@
 import json
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -7,9 +8,8 @@ from tests.verbs import broken_clips as broken
 from tests.verbs.sources import arm_source
 from verbs.cli import app
 from verbs.clips.mirror import mirror
-from verbs.clips.scale import scaled
 from verbs.errors import MotionFileError, OutOfRange, SourceError
-from verbs.io import bvh
+from verbs.io import bvh, motion_files
 
 
 def call(*arguments):
@@ -36,7 +36,7 @@ def test_trim_and_resample_write_files(tmp_path, file):
 
 
 def test_the_unit_of_a_file_is_kept(tmp_path):
-    bvh.write(scaled(broken.clean(), 100.0), tmp_path / "cm.bvh")
+    bvh.write(broken.clean().scaled(100.0), tmp_path / "cm.bvh")
     call("mirror", tmp_path / "cm.bvh", "-o", tmp_path / "out.bvh", "--unit", "cm")
     assert broken.apart_m(bvh.read(tmp_path / "out.bvh", unit="cm"), mirror(broken.clean()).motion) < 1e-5
 
@@ -66,6 +66,17 @@ def test_mirror_reports_bones_and_joints_without_a_partner(tmp_path):
     (tmp_path / "pairs.toml").write_text('[pairs]\nLeftTip = "RightToeBase"\n')
     result = call("mirror", tmp_path / "odd.bvh", "-o", tmp_path / "out.bvh", "--pairs", tmp_path / "pairs.toml")
     assert "no partner" not in result.stderr
+
+
+def test_the_ending_decides_the_format(tmp_path, file):
+    call("trim", file, "--from", 0, "--to", 0.5, "-o", tmp_path / "a.npz")
+    call("trim", file, "--from", 0, "--to", 0.5, "-o", tmp_path / "a.bvh")
+    one, other = (motion_files.read(tmp_path / f"a.{ending}").motion for ending in ("npz", "bvh"))
+    np.testing.assert_allclose(one.root, other.root, atol=1e-7)
+    for name in ("a.glb", "a", "a.txt"):
+        with pytest.raises(MotionFileError, match=r"a name that ends in \.bvh or \.npz"):
+            call("trim", file, "--from", 0, "--to", 0.5, "-o", tmp_path / name)
+        assert not (tmp_path / name).exists()
 
 
 def test_what_is_wrong_is_named(tmp_path, file):

@@ -13,7 +13,6 @@ from verbs.authoring.source import Source, SourceExample, read
 from verbs.authoring.toml_text import toml_dump
 from verbs.clips.mirror import Mirrored, mirror
 from verbs.clips.pairs import find_pairs
-from verbs.clips.scale import scaled
 from verbs.conventions import METRES_PER_UNIT
 from verbs.errors import SourceError
 from verbs.io import bvh
@@ -69,7 +68,7 @@ def mirror_source(folder: str | Path, output: str | Path, table: Mapping[str, st
         mirrored = mirror(motion, table)
         path = output / _file(source, example)
         path.parent.mkdir(parents=True, exist_ok=True)
-        bvh.write(scaled(mirrored.motion, factor), path, decimals=8)
+        bvh.write(mirrored.motion.scaled(factor), path, decimals=8)
         done.append(mirrored)
     given = tomllib.loads(source.path.read_text("utf-8-sig"))
     text = toml_dump(_mirrored_table(source, given, done[0].motion.skeleton, table))

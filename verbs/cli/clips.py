@@ -18,13 +18,15 @@ if TYPE_CHECKING:
 
 __all__ = ["mirror_command", "resample_command", "trim_command"]
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="A BVH file.")]
-Output = Annotated[Path, typer.Option("-o", "--output", help="BVH file to write, in the unit of the input.")]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="A motion file: .bvh, .glb, .gltf, .npz.")]
+Output = Annotated[Path, typer.Option("-o", "--output", help="File to write: .bvh, in the unit of the input, or .npz.")]
 Unit = Annotated[str, typer.Option("--unit", help="Unit of length of a file: m, cm, mm, …")]
 
 
 def mirror_command(
-    path: Annotated[Path, typer.Argument(metavar="FILE|DIR", help="A BVH file, a verb source, or a folder of BVH.")],
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE|DIR", help="A motion file, a verb source, or a folder of clips.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="File, or new folder, to write.")],
     pairs: Annotated[Path | None, typer.Option("--pairs", help='TOML file of odd pairs: "Arm_1" = "Arm_2".')] = None,
     unit: Unit = "m",
@@ -99,11 +101,9 @@ def _read(file: Path, unit: str) -> Motion:
 
 
 def _write(motion: Motion, file: Path, unit: str) -> None:
-    from verbs.clips.scale import scaled
-    from verbs.conventions import METRES_PER_UNIT
-    from verbs.io import bvh
+    from verbs.io import motion_files
 
-    bvh.write(scaled(motion, 1.0 / METRES_PER_UNIT[unit]), file, decimals=8)
+    motion_files.write(motion, file, unit=unit)
 
 
 def _save(motion: Motion, output: Path, unit: str, as_json: bool) -> None:

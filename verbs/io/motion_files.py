@@ -1,4 +1,4 @@
-"""Reads motion files of every format: one function, one result."""
+"""Read motion files of every format, and write those of some, by their endings."""
 
 from __future__ import annotations
 
@@ -10,8 +10,22 @@ from verbs.errors import MotionFileError, UnknownName
 from verbs.io import bvh, gltf, npz
 from verbs.io.joint_tracks import STRETCH_M
 from verbs.io.report import CHANGES, Folded, Marks, MotionFile, Note, NoteKind, Report
+from verbs.motion import Motion
 
-__all__ = ["CHANGES", "ENDINGS", "Folded", "Marks", "MotionFile", "Note", "NoteKind", "Report", "clip_names", "read"]
+__all__ = [
+    "CHANGES",
+    "ENDINGS",
+    "WRITTEN",
+    "Folded",
+    "Marks",
+    "MotionFile",
+    "Note",
+    "NoteKind",
+    "Report",
+    "clip_names",
+    "read",
+    "write",
+]
 
 
 def _read_bvh(path: Path, unit: str, root: str | None, stretch_m: float, clip: str | int | None) -> MotionFile:
@@ -39,6 +53,9 @@ _READERS: dict[str, Callable[[Path, str, str | None, float, str | int | None], M
 
 ENDINGS = tuple(_READERS)
 """Endings of the files that :func:`read` takes, in lower case."""
+
+WRITTEN = (".bvh", ".npz")
+"""Endings of the files that :func:`write` makes."""
 
 
 def read(
@@ -85,6 +102,30 @@ def read(
         found = f"the ending '{path.suffix}'" if path.suffix else "no ending"
         raise MotionFileError(path, None, f"a file that ends in {', '.join(ENDINGS)}", found, "convert it first")
     return reader(path, unit, root, stretch_m, clip)
+
+
+def write(motion: Motion, path: str | Path, *, unit: str = "m") -> None:
+    """Write a motion in the format of the file's ending, one of :data:`WRITTEN`, atomically.
+
+    Parameters
+    ----------
+    motion : Motion
+    path : str or Path
+    unit : str
+        Unit of length of a BVH file; npz files are always in metres.
+
+    Raises
+    ------
+    MotionFileError
+        The ending is not one of those, or the file cannot be written.
+    """
+    ending = Path(path).suffix.lower()
+    if ending == ".bvh":
+        bvh.write(motion.scaled(1.0 / METRES_PER_UNIT[unit]), path, decimals=8)
+    elif ending == ".npz":
+        npz.write(motion, path)
+    else:
+        raise MotionFileError(path, None, f"a name that ends in {' or '.join(WRITTEN)}", f"'{Path(path).name:.60}'")
 
 
 def clip_names(path: str | Path) -> tuple[str, ...]:

@@ -142,10 +142,7 @@ def scaled(clip: Clip, factor: float) -> Clip:
     """A clip with all lengths multiplied."""
     if factor == 1.0:
         return clip
-    motion, skeleton = clip.motion, clip.motion.skeleton
-    larger = replace(skeleton, offsets=skeleton.offsets * factor, tip_offsets=skeleton.tip_offsets * factor)
-    grown = Motion(larger, motion.fps, motion.root * factor, motion.rotations)
-    return replace(clip, motion=grown, positions=clip.positions * np.float32(factor))
+    return replace(clip, motion=clip.motion.scaled(factor), positions=clip.positions * np.float32(factor))
 
 
 def turned(clip: Clip, up: str, forward: str) -> Clip:

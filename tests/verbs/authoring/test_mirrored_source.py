@@ -14,7 +14,6 @@ from verbs.authoring.mirrored_source import mirror_source
 from verbs.authoring.source import read
 from verbs.authoring.toml_text import toml_dump
 from verbs.clips.mirror import mirror
-from verbs.clips.scale import scaled
 from verbs.errors import SourceError, UnknownName
 from verbs.io import bvh
 
@@ -63,7 +62,7 @@ def test_captured_jumps_and_cycles_measure_as_they_state(mocap, tmp_path, folder
 def test_a_source_in_centimetres_stays_one(tmp_path):
     folder = jump_source(tmp_path / "jump")
     for file in folder.glob("*.bvh"):
-        bvh.write(scaled(bvh.read(file), 100.0), file, decimals=9)
+        bvh.write(bvh.read(file).scaled(100.0), file, decimals=9)
     text = (folder / "verb.toml").read_text()
     (folder / "verb.toml").write_text(text.replace("[[adverb]]", '[units]\nlength = "cm"\n[[adverb]]', 1))
     mirror_source(folder, tmp_path / "out")

@@ -2,8 +2,8 @@
 
 A VERB is a built-in name or the folder of a verb source. For each ordered pair with one skeleton: 40 switches from a
 random goal and phase to a random goal, with the default transition. Prints the largest acceleration of a joint around
-the switch, divided by that of the examples of both verbs; and the slide of every point of a foot that stands in that
-time, from the mean of its stance.
+the switch, divided by that of the examples of both verbs; and the slide of every point of a foot that stands after it,
+from the mean of its stance.
 """
 
 from __future__ import annotations
@@ -62,13 +62,16 @@ class Recording:
         return float(np.linalg.norm(np.diff(self.joints[first:end], 2, axis=0), axis=-1).max() * FPS**2)
 
     def slides(self, first: int, end: int) -> list[float]:
-        """Slide of every stance of a point that overlaps frames, m."""
+        """Slide of every stance of a point that overlaps frames, m, from the first of them on.
+
+        Earlier frames are of another verb, whose bones may have other lengths than this skeleton.
+        """
         points, stands, found = np.array(self.points)[..., [0, 2]], np.array(self.stands), []
         for f, p in np.ndindex(stands.shape[1:]):
             edges = np.flatnonzero(np.diff(np.concatenate([[0], stands[:, f, p].astype(int), [0]])))
             for begin, stop in edges.reshape(-1, 2):
                 if begin < end and stop > first:
-                    way = points[begin:stop, f, p]
+                    way = points[max(begin, first) : stop, f, p]
                     found.append(float(np.linalg.norm(way - way.mean(axis=0), axis=1).max()))
         return found
 
@@ -93,7 +96,7 @@ def switches(one: Characters, other: Characters, rng: np.random.Generator) -> tu
         recording.play(other, new, AFTER)
         other.remove(new)
         peaks.append(recording.peak(before - 3, before + AROUND))
-        slides += recording.slides(before - 2, before + AROUND)
+        slides += recording.slides(before, before + AROUND)
     return np.array(peaks), slides
 
 

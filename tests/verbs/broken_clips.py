@@ -138,3 +138,12 @@ def local_frame(motion: Motion, frame) -> Motion:
     rotations[:, children] = quat.mul(inverse, rotations[:, children])
     other = Skeleton(skeleton.names, skeleton.parents, offsets, skeleton.tip_parents, skeleton.tip_offsets)
     return Motion(other, motion.fps, motion.root, rotations)
+
+
+def calibrated(motion: Motion, head: int, tail: int = 0) -> Motion:
+    """A clip with frames of a T-pose before and after it."""
+    still = np.zeros((1, len(motion.skeleton), 4))
+    still[..., 3] = 1.0
+    rotations = [np.repeat(still, head, axis=0), motion.rotations, np.repeat(still, tail, axis=0)]
+    root = [np.repeat(motion.root[:1], head, axis=0), motion.root, np.repeat(motion.root[-1:], tail, axis=0)]
+    return Motion(motion.skeleton, motion.fps, np.concatenate(root), np.concatenate(rotations))

@@ -23,7 +23,7 @@ from verbs.skeleton import Skeleton
 
 __all__ = ["MendedSource", "mended"]
 
-FAULTS = ("spike", "spin")
+FAULTS = ("spike", "spin", "cut")
 """Kinds that are looked for at every build; a warning shows the table that mends each."""
 
 MOST_WARNINGS = 20
@@ -85,13 +85,14 @@ def mended(source: Source, motions: Sequence[Motion], *, tolerance_m: float = 1e
     _check_skeletons(source, retargeted, tolerance_m)
     source = replace(source, examples=tuple(examples), contacts=contacts)
     left = len(warnings) - MOST_WARNINGS
-    warnings = warnings[:MOST_WARNINGS] + [f"{left} more spikes and spins"] * (left > 0)
+    warnings = warnings[:MOST_WARNINGS] + [f"{left} more faults"] * (left > 0)
     return MendedSource(source, retargeted, rows + more, tuple(warnings))
 
 
 def _mended(path: Path, name: str, motion: Motion, own: Sequence[SourceMend]) -> tuple[mends.Mended, list[Report]]:
     """A mended clip, and the faults that are left; those of a table with ``apply = false`` are left on purpose."""
     wanted = [one.mend for one in own if one.applies]
+    trimmed = any(mend.kind in mends.TRIMS for mend in wanted)
     accepted = {(one.mend.kind, one.mend.joint) for one in own if not one.applies}
     try:
         first = mends.apply(motion, [mend for mend in wanted if mends.KINDS[mend.kind].has_joint])
@@ -99,6 +100,7 @@ def _mended(path: Path, name: str, motion: Motion, own: Sequence[SourceMend]) ->
             report
             for report in mends.find(first.motion, FAULTS)
             if not {(report.mend.kind, report.mend.joint), (report.mend.kind, None)} & accepted
+            and not (trimmed and report.mend.kind in mends.TRIMS)
         ]
         rest = mends.apply(first.motion, [mend for mend in wanted if not mends.KINDS[mend.kind].has_joint])
     except VerbError as err:
@@ -118,7 +120,7 @@ def _shifted(source: Source, example: SourceExample, fixed: mends.Mended) -> Sou
         if not 0.0 < mark < end:
             raise SourceError(
                 source.path,
-                f"keytime '{name}' ({given} s) lies in a part that [[mend]] of kind 'idle' trims; "
+                f"keytime '{name}' ({given} s) lies in a part that a [[mend]] trims; "
                 f"{fixed.start_s:.3f} to {fixed.end_s:.3f} s are left",
                 example=example.name,
             )

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from verbs.clips import gaps, idle, jitter, mirror, placement, spikes, spins
+from verbs.clips import cuts, gaps, idle, jitter, mirror, placement, spikes, spins
 from verbs.clips.reports import Mend, Report
 from verbs.errors import UnknownName
 from verbs.motion import Motion
 
-__all__ = ["KINDS", "Kind", "Mended", "apply", "find"]
+__all__ = ["KINDS", "TRIMS", "Kind", "Mended", "apply", "find"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +33,17 @@ KINDS: dict[str, Kind] = {
     spins.KIND: Kind(spins.find, spins.mend, has_joint=True, has_stretch=True),
     jitter.KIND: Kind(jitter.find, jitter.mend, has_joint=True, options=("cutoff_hz",)),
     mirror.KIND: Kind(mirror.find, mirror.mend),
+    cuts.KIND: Kind(cuts.find, cuts.mend, has_stretch=True),
     idle.KIND: Kind(idle.find, idle.mend, has_stretch=True, options=("speed", "margin")),
     "ground": Kind(placement.find_ground, placement.mend_ground, options=("height",)),
     "heading": Kind(placement.find_heading, placement.mend_heading, options=("degrees",)),
     "start": Kind(placement.find_start, placement.mend_start),
 }
 """Kinds by name, in the order in which they apply: times and joints of the first four are those of the file."""
+
+
+TRIMS = (cuts.KIND, idle.KIND)
+"""Kinds that shorten a clip; ``start`` and ``end`` are seconds of the clip as the mends before leave it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +118,7 @@ def apply(motion: Motion, mends: Sequence[Mend]) -> Mended:
     for name, kind in KINDS.items():
         for one in (one for one in mends if one.kind == name):
             motion, done = kind.mend(motion, one)
-            if name == idle.KIND and done:
+            if name in TRIMS and done:
                 kept = done[0].mend
                 start, end = start + float(kept.start_s or 0.0), start + float(kept.end_s or 0.0)
             reports += done

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.verbs import broken_clips as broken
-from verbs.clips import mends, resample
+from verbs.clips import mends, paths, resample
 from verbs.clips.orientation import heading
 from verbs.clips.reports import Mend, toml_text
 from verbs.errors import OutOfRange, UnknownName
@@ -182,6 +182,29 @@ def test_jitter_of_the_root_is_filtered_at_a_stated_frequency():
     assert "at 4 Hz" in done.reports[0].done
     with pytest.raises(OutOfRange, match="below 30 Hz"):
         mended(bad, "jitter", cutoff_hz=31.0)
+
+
+@pytest.mark.parametrize(("head", "tail"), [(1, 0), (0, 1), (2, 3), (15, 0)])
+def test_calibration_poses_at_the_ends_are_cut_off(head, tail):
+    clean = broken.clean()
+    bad = broken.calibrated(clean, head, tail)
+    (report,) = found(bad, "cut")
+    done = mended(bad, "cut")
+    assert report.figure == pytest.approx((head + tail) / clean.fps)
+    assert (done.start_s, done.end_s) == pytest.approx(
+        (head / clean.fps, head / clean.fps + clean.duration_s), abs=1e-6
+    )
+    np.testing.assert_allclose(paths.positions(done.motion), paths.positions(clean), atol=1e-9)
+    assert not found(done.motion, "cut")
+    table = mends.apply(bad, [report.mend]).motion
+    np.testing.assert_array_equal(table.rotations, done.motion.rotations)
+
+
+def test_a_long_part_beside_a_cut_is_left():
+    clean = broken.clean()
+    assert not found(broken.calibrated(clean, len(clean)), "cut")
+    with pytest.raises(OutOfRange, match="no parameters"):
+        mended(clean, "cut", speed=1.0)
 
 
 def test_idle_heads_and_tails_are_trimmed():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from verbs.clips.mends import KINDS, TRIMS
+from verbs.clips.mends import KINDS
 from verbs.clips.reports import Mend
 from verbs.conventions import MAX_MAGNITUDE
 from verbs.errors import SourceError
@@ -98,7 +98,7 @@ def _mend(path: Path, row: dict[str, Any], where: str, examples: Sequence[str], 
         raise SourceError(path, f"{where} has the kind {kind!r:.40}; it must be one of {', '.join(KINDS)}")
     where = f"{where} of kind '{kind}'"
     _check_keys(path, row, where, mend_keys(kind))
-    if kind in TRIMS and looping:
+    if kind == "idle" and looping:
         raise SourceError(path, f"{where}: a file of a looping verb is one cycle, which cannot be trimmed")
     joint = row.get("joint")
     if joint is not None and (not isinstance(joint, str) or not joint):

@@ -90,9 +90,8 @@ def _print(proposal: Proposal, path: Path) -> None:
     for name in (*head.keytime_names, *(adverb[0] for adverb in head.adverbs), "left out"):
         table.add_column(plain(name), justify="right")
     for row in kept:
-        marks = row.keytimes
         times = (f"{t:.2f}{'' if sure == 1.0 else f' ({sure:.2f})'}"
-                 for t, sure in zip(marks.times, marks.confidence, strict=True))  # fmt: skip
+                 for t, sure in zip(row.marks, row.keytimes.confidence, strict=True))  # fmt: skip
         left = proposal.left_out_deg.get(row.file)
         table.add_row(plain(row.file), *times, *(f"{value:.3f}" for value in row.values),
                       "–" if left is None else f"{left:.1f}°")  # fmt: skip

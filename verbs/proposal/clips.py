@@ -39,6 +39,8 @@ class Clip:
         What the reader changed or left out, and what was mended.
     mends : tuple of Mend
         Applied to the motion of the file.
+    start_s : float
+        Seconds of the file at which the motion begins: mends may cut off what is before.
     """
 
     path: Path
@@ -47,6 +49,7 @@ class Clip:
     headings: F64
     notes: tuple[str, ...] = ()
     mends: tuple[Mend, ...] = ()
+    start_s: float = 0.0
 
     @property
     def name(self) -> str:

@@ -161,9 +161,11 @@ def _annotated(folder: Path, clips: list[Clip], given: Mapping[str, tuple[float,
         clip = clips[index[name]]
         if len(times) < 2 or any(b <= a for a, b in pairwise(times)):
             raise SourceError(folder, f"keytimes of '{name}' must be two or more, ascending")
-        if times[0] < 0 or times[-1] > clip.duration_s + 1e-3:
-            raise SourceError(folder, f"keytimes of '{name}' must lie from 0 to {clip.duration_s:.5f} s")
-        chosen[index[name]] = tuple(min(time, clip.duration_s) for time in times)
+        start, end = clip.start_s, clip.start_s + clip.duration_s
+        past = 1e-3 if not any(mend.kind == "cut" for mend in clip.mends) else np.inf
+        if times[0] < 0 or times[1] <= start or times[-2] >= end or times[-1] > end + past:
+            raise SourceError(folder, f"keytimes of '{name}' must lie from {start:.5f} to {end:.5f} s")
+        chosen[index[name]] = tuple(min(max(time - start, 0.0), clip.duration_s) for time in times)
     if len({len(times) for times in chosen.values()}) > 1:
         raise SourceError(folder, "annotated clips must have the same number of keytimes")
     return chosen
@@ -236,7 +238,7 @@ def _rows(
                      and np.abs(values[j] - values[k]).max() < SAME_ADVERBS), None)  # fmt: skip
         if twin is not None and not reason:
             reason = f"has the same adverbs as {rows[twin].file}"
-        rows.append(Row(clip.name, own, tuple(map(float, values[k])), tuple(remarks), reason, clip.mends))
+        rows.append(Row(clip.name, own, tuple(map(float, values[k])), tuple(remarks), reason, clip.mends, clip.start_s))
     return rows
 
 
@@ -278,7 +280,8 @@ def _left_out(
     """The verb of the rows that are not excluded, why there is none, and leave-one-out errors by file, degrees."""
     kept = [k for k, row in enumerate(rows) if not row.excluded]
     try:
-        source = parse(folder / "verb.toml", tomllib.loads(toml_text(head, rows, ())))
+        mended = [replace(row, start_s=0.0) for row in rows]
+        source = parse(folder / "verb.toml", tomllib.loads(toml_text(head, mended, ())))
         source = source if head.looping else replace(source, samples=SAMPLES)
         made = assemble(source, [clips[k].motion for k in kept])
     except VerbError as err:

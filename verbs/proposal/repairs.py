@@ -1,4 +1,4 @@
-"""Mends of raw clips: spins and spikes of joints, and clips that face the other way; none changes a file."""
+"""Mends of raw clips: spins, spikes, calibration poses, and clips that face the other way; none changes a file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from verbs.proposal.screening import facing
 
 __all__ = ["repaired", "turned_round"]
 
-KINDS = ("spike", "spin")
+KINDS = ("spike", "spin", "cut")
 
 POSTURE_DEG = 20.0
 """Headings of clips may differ this much by posture."""
@@ -23,7 +23,7 @@ BACKWARDS_RAD = np.radians(120.0)
 
 
 def repaired(clip: Clip) -> Clip:
-    """A clip whose spikes and spins are mended, with the mends and a note for each."""
+    """A clip whose spikes, spins and cuts are mended, with the mends and a note for each."""
     found = [report.mend for report in mends.find(clip.motion, KINDS) if report.proposed]
     return _mended(clip, found) if found else clip
 
@@ -54,4 +54,4 @@ def _mended(clip: Clip, wanted: list[Mend]) -> Clip:
     done = mends.apply(clip.motion, wanted)
     notes = tuple(f"mended: {report.found}; {report.done}" for report in done.reports)
     made = clip_of(clip.path, done.motion, (*clip.notes, *notes))
-    return replace(made, mends=(*clip.mends, *wanted))
+    return replace(made, mends=(*clip.mends, *wanted), start_s=clip.start_s + done.start_s)

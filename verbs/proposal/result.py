@@ -90,7 +90,7 @@ class Proposal:
             "clips": [
                 {
                     "file": row.file,
-                    "keytimes": list(row.keytimes.times),
+                    "keytimes": list(row.marks),
                     "confidence": list(row.keytimes.confidence),
                     "evidence": list(row.keytimes.evidence),
                     "adverbs": dict(zip(names, row.values, strict=True)),

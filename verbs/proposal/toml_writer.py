@@ -19,7 +19,10 @@ LOW = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One ``[[example]]``: file, keytimes, adverb values, remarks; ``excluded`` is the reason or empty."""
+    """One ``[[example]]``: file, keytimes, adverb values, remarks; ``excluded`` is the reason or empty.
+
+    ``keytimes`` are seconds of the mended clip, which begins at ``start_s`` of its file.
+    """
 
     file: str
     keytimes: Keytimes
@@ -27,6 +30,12 @@ class Row:
     remarks: tuple[str, ...] = ()
     excluded: str = ""
     mends: tuple[Mend, ...] = ()
+    start_s: float = 0.0
+
+    @property
+    def marks(self) -> tuple[float, ...]:
+        """Keytimes in seconds of the file."""
+        return tuple(self.start_s + time for time in self.keytimes.times)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +113,7 @@ def _row(row: Row, names: tuple[str, ...]) -> list[str]:
     for name, sure, why in zip(names, marks.confidence, marks.evidence, strict=True):
         if sure < 1.0:
             lines.append(f"# {name}: confidence {sure:.2f}{', check' * (sure < LOW)} ({_comment(why)})")
-    lines.append(f"keytimes = [{', '.join(f'{time:.5f}' for time in marks.times)}]")
+    lines.append(f"keytimes = [{', '.join(f'{time:.5f}' for time in row.marks)}]")
     lines.append(f"adverb_values = [{', '.join(f'{value + 0.0:.5f}' for value in row.values)}]")
     return lines
 

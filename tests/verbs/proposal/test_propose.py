@@ -6,6 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from tests.verbs import broken_clips as broken
 from tests.verbs import raw_folder, walker
 from tests.verbs.proposal.test_keytimes import repeated
 from verbs.authoring.fit import build
@@ -248,3 +249,26 @@ def _by_file(table, values):
     """Rows of values of the examples, in the order of their files' names."""
     order = np.argsort([row["file"] for row in table["example"]])
     return values[order]
+
+
+def test_calibration_poses_are_cut_off_and_keytimes_are_those_of_the_files(tmp_path):
+    """Each clip begins with a T-pose, as in many public sets."""
+    plain, posed = tmp_path / "plain", tmp_path / "posed"
+    for folder in (plain, posed):
+        folder.mkdir()
+    for file in sorted((broken.LIBRARY / "punch").glob("*.bvh")):
+        motion = bvh.read(file)
+        bvh.write(motion, plain / file.name)
+        bvh.write(broken.calibrated(motion, 3), posed / file.name)
+    expected, proposal = propose(plain), propose(posed)
+    write(proposal, posed)
+    for one, other in zip(expected.rows, proposal.rows, strict=True):
+        assert {mend.kind for mend in other.mends} == {"cut"}
+        assert np.array(other.marks) - 3 / 60 == pytest.approx(one.marks, abs=1e-4)
+        assert other.values == pytest.approx(one.values, abs=1e-4)
+    built = build(posed)
+    np.testing.assert_allclose(built.verb.values, [row.values for row in proposal.rows], atol=1e-4)
+    assert not [warning for warning in built.warnings if "jumps" in warning]
+    first = expected.rows[0]
+    given = Options(annotated={first.file: tuple(mark + 3 / 60 * (k > 0) for k, mark in enumerate(first.marks))})
+    assert propose(posed, given).rows[0].marks == pytest.approx(proposal.rows[0].marks, abs=1e-4)

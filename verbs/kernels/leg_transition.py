@@ -97,10 +97,11 @@ def carry(root: Any, rotations: Any, legs: Legs, to: F64, away: F64, share: floa
         size = max(np.sqrt(x * x + y * y + z * z), 1e-9)
         limit = _span(thigh, shin, first)
         kept = _kept(size, limit, max(STRAIGHTEST * (thigh + shin), limit))
-        length = size + smooth(offset / FULL_OFFSET_M) * (kept - size)  # the motion itself may stretch a leg
+        full = smooth(offset / FULL_OFFSET_M)
+        length = size + full * (kept - size)  # the motion itself may stretch a leg
         bend = -_kept(-to[f, 3] - away[f, 3], -first, max(-first, 0.0) + OVERSTRETCHED)
         bent = _span(thigh, shin, bend)
-        soft = NEAR_M * smooth(5.0 * share) * smooth(5.0 * (1.0 - share))
+        soft = full * NEAR_M * smooth(5.0 * share) * smooth(5.0 * (1.0 - share))
         shorter = 0.5 * (length + bent - np.sqrt((length - bent) ** 2 + soft * soft))
         length = shorter + by_bend * (bent - shorter)
         out[0], out[1] = 1.0, 1.0

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 import anyio
 from fastapi import FastAPI
 from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
 
 from service import errors
 from service.catalog.catalog import Catalog
@@ -15,7 +16,7 @@ from service.http import openapi
 from service.http.guard import Guard, allowed_names
 from service.http.middleware import BodyLimit, Observe
 from service.http.routes import health, pages, poses, quality, refinements, verbs, versions
-from service.settings import Settings
+from service.settings import Settings, origins_of
 from service.state import ServerState, Supervise
 from service.stream import endpoint
 from service.upload.builder import Sandboxes
@@ -43,6 +44,7 @@ def create_app(
             yield
             tasks.cancel_scope.cancel()
 
+    origins = origins_of(settings.cors_origins)
     app = FastAPI(
         title="Adverb",
         version=openapi.API_VERSION,
@@ -57,7 +59,8 @@ def create_app(
         },  # each asks for a provider at every request
         middleware=[
             Middleware(Observe, metrics=state.metrics),
-            Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts)),
+            *([_cors(origins)] if origins else []),
+            Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts), origins=origins),
             Middleware(BodyLimit, limit=settings.max_body_bytes, others={"/v1/verbs": settings.max_upload_bytes}),
         ],
     )
@@ -72,3 +75,15 @@ def create_app(
     errors.install(app)
     openapi.install(app)
     return app
+
+
+def _cors(origins: frozenset[str]) -> Middleware:
+    """Let pages of listed origins read the answers; keys are sent in a header, so cookies need no permission."""
+    return Middleware(
+        CORSMiddleware,
+        allow_origins=sorted(origins),
+        allow_methods=("GET", "POST", "PUT", "PATCH", "DELETE"),
+        allow_headers=("Authorization", "Content-Type", "If-Match", "If-None-Match", "Range", "X-Request-Id"),
+        expose_headers=("ETag", "Location", "Retry-After", "Content-Disposition", "X-Request-Id"),
+        allow_private_network=True,
+    )

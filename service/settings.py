@@ -4,13 +4,38 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Literal
+from urllib.parse import urlsplit
 
-from pydantic import Field
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-__all__ = ["Settings"]
+__all__ = ["Settings", "origins_of"]
 
 LogLevel = Literal["debug", "info", "warning", "error"]
+
+
+def origins_of(listed: str) -> frozenset[str]:
+    """Origins of web pages in a list that is separated by commas; ``*`` stands for any.
+
+    Raises
+    ------
+    ValueError
+        An entry is no origin: scheme, name and perhaps a port.
+    """
+    found = set()
+    for entry in (part.strip() for part in listed.split(",")):
+        parts = urlsplit(entry)
+        plain = f"{parts.scheme}://{parts.netloc}"
+        fits = (
+            parts.scheme in ("http", "https")
+            and parts.hostname
+            and entry.lower() in (plain.lower(), f"{plain}/".lower())
+        )
+        if entry and entry != "*" and (not fits or "@" in entry):
+            raise ValueError(f"{entry[:100]!r} is not an origin; write https://game.example or http://localhost:5173")
+        if entry:
+            found.add("*" if entry == "*" else plain.lower())
+    return frozenset(found)
 
 
 class Settings(BaseSettings):
@@ -59,6 +84,23 @@ class Settings(BaseSettings):
             max_length=4_000,
             description="Names under which clients reach the server, separated by commas; * allows any. IP addresses, "
             "localhost, the machine's name and `ADVERB_HOST` are always allowed.",
+        ),
+    ] = ""
+    cors_origins: Annotated[
+        str,
+        Field(
+            max_length=4_000,
+            description="Origins of web pages that may use the API and streams besides the server's own page, "
+            "separated by commas (https://game.example); * allows any page. Also the address of the server's own page "
+            "where a proxy replaces `Host`.",
+        ),
+    ] = ""
+    frame_ancestors: Annotated[
+        str,
+        Field(
+            max_length=4_000,
+            description="Origins of web pages that may show this server's pages in a frame, separated by commas. "
+            "Default: only the server's own.",
         ),
     ] = ""
     data: Annotated[
@@ -138,3 +180,9 @@ class Settings(BaseSettings):
     shutdown_s: Annotated[
         int, Field(ge=0, le=600, description="Longest wait for running requests at shutdown, seconds.")
     ] = 10
+
+    @field_validator("cors_origins", "frame_ancestors")
+    @classmethod
+    def _origins(cls, value: str) -> str:
+        origins_of(value)
+        return value

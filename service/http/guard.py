@@ -4,7 +4,8 @@ Two attacks are refused. In DNS rebinding a page makes its own name point to thi
 as `Host`, which is not in the allow-list. In cross-site requests a page sends a form or opens a WebSocket to this
 server; the browser states the page's `Origin`, which is not the address that the request was sent to.
 
-Programs other than browsers send no `Origin` and need no setting.
+Programs other than browsers send no `Origin` and need no setting. Pages of listed origins may use the server as its own
+page does.
 """
 
 from __future__ import annotations
@@ -53,10 +54,12 @@ class Guard:
     app : ASGI application
     names : iterable of str
         See :func:`allowed_names`.
+    origins : iterable of str
+        Of pages that may use the server besides its own; ``*`` allows any.
     """
 
-    def __init__(self, app: ASGIApp, *, names: Iterable[str]) -> None:
-        self.app, self._names = app, frozenset(names)
+    def __init__(self, app: ASGIApp, *, names: Iterable[str], origins: Iterable[str] = ()) -> None:
+        self.app, self._names, self._origins = app, frozenset(names), frozenset(origins)
         self._remembered: set[bytes] = set()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -83,8 +86,12 @@ class Guard:
                 site = value
         if host and host not in self._remembered:
             self._check_host(host)
-        if changes and (origin or site):
+        if changes and (origin or site) and not self._allows(origin):
             _check_origin(host, origin, site)
+
+    def _allows(self, origin: bytes) -> bool:
+        """Whether a page of a listed origin sent the request."""
+        return _ANY in self._origins or (bool(origin) and origin.decode("latin-1").lower() in self._origins)
 
     def _check_host(self, host: bytes) -> None:
         name, _ = _authority(host.decode("latin-1"))

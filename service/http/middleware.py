@@ -23,6 +23,13 @@ SCOPE_KEY = "adverb.trace"
 CLIENT_DISCONNECTED = 499
 """Status that is counted for a request whose client disconnected before the response."""
 
+HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+"""Headers of every response: a page of another site cannot load it as a script or an image, and no address leaks."""
+
 _REQUEST_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 
 log = structlog.get_logger("adverb.request")
@@ -59,7 +66,7 @@ class Observe:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                message["headers"].append((b"x-request-id", trace.request_id.encode()))
+                message["headers"] += [(b"x-request-id", trace.request_id.encode()), *HEADERS]
             await send(message)
 
         try:

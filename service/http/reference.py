@@ -12,13 +12,13 @@ from service.errors import PROBLEMS
 __all__ = ["CONTENT_POLICY", "DASHBOARD_POLICY", "reference", "welcome"]
 
 CONTENT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-"""Content security policy of these pages: they load nothing."""
+"""Content security policy of these pages, without ``frame-ancestors``: they load nothing."""
 
 DASHBOARD_POLICY = (
     "default-src 'self'; script-src 'self'; worker-src 'self'; connect-src 'self'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+    "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'"
 )
-"""Content security policy of the dashboard: its own files, its own server, and inline styles."""
+"""Content security policy of the dashboard, without ``frame-ancestors``: own files, own server, inline styles."""
 
 _STYLE = """
 :root{color-scheme:light dark;--line:#8884;--soft:#8882;--key:#2f6fde}

@@ -27,15 +27,15 @@ FLAGS = [
 class Service:
     """`adverb serve` on a fixed free port, so that it can be restarted."""
 
-    def __init__(self, data: Path):
-        self.data = data
+    def __init__(self, data: Path, **environment: str):
+        self.data, self.environment = data, environment
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port = free.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}"
         self.process = None
 
     def start(self):
-        environment = {**os.environ, "ADVERB_REFINERS": "1"}
+        environment = {**os.environ, "ADVERB_REFINERS": "1", **self.environment}
         self.process = warm().start(
             "serve", "--port", str(self.port), "--data", str(self.data), environment=environment
         )

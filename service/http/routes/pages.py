@@ -10,6 +10,7 @@ from starlette.staticfiles import StaticFiles
 
 from service.http import reference
 from service.http.context import state_of
+from service.settings import origins_of
 
 __all__ = ["router"]
 
@@ -21,9 +22,11 @@ IMMUTABLE = "public, max-age=31536000, immutable"
 
 router = APIRouter(include_in_schema=False)
 
-_SNIFF = {"X-Content-Type-Options": "nosniff"}
-_PAGE = {"Content-Security-Policy": reference.CONTENT_POLICY, **_SNIFF}
-_DASHBOARD = {"Content-Security-Policy": reference.DASHBOARD_POLICY, "Cache-Control": "no-cache", **_SNIFF}
+
+def _policy(request: Request, policy: str) -> dict[str, str]:
+    """Header of a content security policy, with the pages that may show this one in a frame."""
+    allowed = " ".join(["'self'", *sorted(origins_of(state_of(request).settings.frame_ancestors))])
+    return {"Content-Security-Policy": f"{policy}; frame-ancestors {allowed}"}
 
 
 @router.get("/")
@@ -31,8 +34,10 @@ async def home(request: Request) -> Response:
     """Return the dashboard, or a list of verbs if the dashboard is not built."""
     page = STATIC / "index.html"
     if page.is_file():
-        return FileResponse(page, headers=_DASHBOARD)
-    return HTMLResponse(reference.welcome(state_of(request).catalog), headers=_PAGE)
+        headers = {**_policy(request, reference.DASHBOARD_POLICY), "Cache-Control": "no-cache"}
+        return FileResponse(page, headers=headers)
+    headers = _policy(request, reference.CONTENT_POLICY)
+    return HTMLResponse(reference.welcome(state_of(request).catalog), headers=headers)
 
 
 @router.get("/assets/{path:path}")
@@ -40,11 +45,11 @@ async def asset(request: Request, path: str) -> Response:
     """Return a file of the dashboard's own folder."""
     files = StaticFiles(directory=STATIC / "assets", check_dir=False)
     answer = await files.get_response(path, request.scope)
-    answer.headers.update({"Cache-Control": IMMUTABLE, **_SNIFF})
+    answer.headers.update({"Cache-Control": IMMUTABLE})
     return answer
 
 
 @router.get("/docs")
 async def docs(request: Request) -> HTMLResponse:
     """Return the reference of all routes, made from the OpenAPI document."""
-    return HTMLResponse(reference.reference(request.app.openapi()), headers=_PAGE)
+    return HTMLResponse(reference.reference(request.app.openapi()), headers=_policy(request, reference.CONTENT_POLICY))

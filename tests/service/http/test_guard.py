@@ -3,10 +3,12 @@
 import json
 
 import pytest
+from pydantic import ValidationError
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
 from service.http.guard import allowed_names
+from service.settings import Settings
 from tests.service.conftest import app_of, client_of
 
 
@@ -81,6 +83,77 @@ async def test_a_setting_adds_names(catalog):
         assert (await client.get("/v1/verbs", headers={"Host": "any.example"})).status_code == 200
 
 
+GAME, OTHER = "https://game.example", "http://localhost:5173"
+
+
+@pytest.mark.anyio
+async def test_pages_of_listed_origins_may_read_and_change(catalog):
+    async with client_of(app_of(catalog, cors_origins=f"{GAME}, {OTHER.upper()}/")) as client:
+        for origin in (GAME, OTHER):
+            for answer in (
+                await client.get("/v1/verbs/arm3", headers={"Origin": origin}),
+                await client.post("/v1/verbs/arm3/pose", json=ADVERBS, headers={"Origin": origin}),
+            ):
+                assert answer.status_code == 200
+                assert answer.headers["access-control-allow-origin"] == origin
+                assert "Origin" in answer.headers["vary"]
+                assert "etag" in answer.headers["access-control-expose-headers"].lower()
+            answer = await client.post(ACTIVATE, headers={"Origin": origin, "Sec-Fetch-Site": "cross-site"})
+            assert answer.json()["code"] == "read_only"
+        preflight = {"Origin": GAME, "Access-Control-Request-Method": "POST",
+                     "Access-Control-Request-Headers": "authorization,content-type,if-match"}  # fmt: skip
+        answer = await client.options("/v1/verbs/arm3/pose", headers=preflight)
+        assert answer.status_code == 200
+        assert answer.headers["access-control-allow-origin"] == GAME
+        assert "access-control-allow-credentials" not in answer.headers
+
+
+@pytest.mark.anyio
+async def test_pages_of_other_origins_may_not(catalog):
+    async with client_of(app_of(catalog, cors_origins=GAME)) as client:
+        for origin in ("https://game.example.evil.example", "http://game.example", "https://game.example:444", "null"):
+            answer = await client.get("/v1/verbs/arm3", headers={"Origin": origin})
+            assert "access-control-allow-origin" not in answer.headers
+            answer = await client.post("/v1/verbs/arm3/pose", json=ADVERBS, headers={"Origin": origin})
+            assert (answer.status_code, answer.json()["code"]) == (403, "foreign_origin")
+            preflight = {"Origin": origin, "Access-Control-Request-Method": "POST"}
+            assert (await client.options("/v1/verbs/arm3/pose", headers=preflight)).status_code == 400
+
+
+@pytest.mark.anyio
+async def test_any_page_where_the_setting_allows_it(catalog):
+    async with client_of(app_of(catalog, cors_origins="*")) as client:
+        answer = await client.post("/v1/verbs/arm3/pose", json=ADVERBS, headers={"Origin": "http://any.example"})
+        assert (answer.status_code, answer.headers["access-control-allow-origin"]) == (200, "*")
+
+
+@pytest.mark.anyio
+async def test_every_answer_has_the_usual_headers(client):
+    for path in ("/v1/verbs", "/v1/verbs/nothing", "/livez", "/docs", "/"):
+        answer = await client.get(path)
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert answer.headers["referrer-policy"] == "no-referrer"
+        assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+
+
+@pytest.mark.anyio
+async def test_frames_are_for_the_own_page_and_listed_ones(catalog):
+    for listed, expected in (("", "frame-ancestors 'self'"), (GAME, f"frame-ancestors 'self' {GAME}")):
+        async with client_of(app_of(catalog, frame_ancestors=listed)) as client:
+            for path in ("/", "/docs"):
+                policy = (await client.get(path)).headers["content-security-policy"]
+                assert policy.split("; ")[-1] == expected
+
+
+@pytest.mark.parametrize(
+    "listed", ["game.example", "ftp://game.example", "https://", "https://a.example/path", "https://user@a.example"]
+)
+def test_what_is_no_origin_is_named(listed):
+    for name in ("cors_origins", "frame_ancestors"):
+        with pytest.raises(ValidationError, match="is not an origin"):
+            Settings(**{name: f"{GAME}, {listed}"})
+
+
 def test_the_address_that_is_listened_on_is_a_known_name():
     assert {"localhost", "dance.example"} <= allowed_names("dance.example", "")
 
@@ -101,3 +174,13 @@ async def test_streams_of_the_own_page_and_of_programs_are_accepted(server):
     for headers in ({}, {"Origin": f"http://127.0.0.1:{server.port}"}):
         async with connect(server.url, additional_headers=headers, subprotocols=["adverb.v1"]) as socket:
             assert json.loads(await socket.recv())["op"] == "hello"
+
+
+@pytest.mark.anyio
+async def test_streams_of_listed_origins_are_accepted(serve):
+    with serve(cors_origins=GAME) as server:
+        async with connect(server.url, additional_headers={"Origin": GAME}, subprotocols=["adverb.v1"]) as socket:
+            assert json.loads(await socket.recv())["op"] == "hello"
+        with pytest.raises(InvalidStatus):
+            async with connect(server.url, additional_headers={"Origin": OTHER}):
+                pass

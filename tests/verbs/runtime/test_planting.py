@@ -331,12 +331,10 @@ def test_a_version_that_differs_a_little_does_not_move_the_pelvis():
     verb = library.load("reach")
     other = Characters(Evaluator(replace(verb, bases={**verb.bases, "smooth": verb.bases["rbf"]})))
     people, goal = Characters(evaluator_of("reach")), {"x": -0.3, "y": 1.2, "z": 0.45}
-    slot, heights = people.add(goal), []
-    for _ in range(12):
-        heights.append(people.step(np.array([slot]), STEP_S).root[0, 1])
+    slot = people.add(goal)
+    heights = [people.step(np.array([slot]), STEP_S).root[0, 1] for _ in range(12)]
     slot = other.go_on(people, slot, transition_s=0.15, same=True)
-    for _ in range(20):
-        heights.append(other.step(np.array([slot]), STEP_S).root[0, 1])
+    heights += [other.step(np.array([slot]), STEP_S).root[0, 1] for _ in range(20)]
     assert np.abs(np.diff(heights)).max() < 1e-3
 
 

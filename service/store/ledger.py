@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from sqlalchemy import Connection, delete, insert, select, update
@@ -15,7 +15,7 @@ from service.store.blobs import Blob
 from service.store.records import Conflict, Event, UnknownVerb, UnknownVersion, Version
 from service.store.tables import Database
 
-__all__ = ["Change", "Ledger", "select_versions"]
+__all__ = ["Change", "Ledger", "kept_detail", "select_versions"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +89,7 @@ class Ledger:
     def add_blob(
         self,
         blob: Blob,
+        source: Blob | None,
         quality: Mapping[str, Any],
         change: Change,
         *,
@@ -106,6 +107,8 @@ class Ledger:
             activate = activate and current == activate_if
         version = self.find(sha256, parent)
         if version is not None:
+            if source is not None and version.source_sha256 is None:
+                version = self._with_source(version, str(source.sha256))
             if activate:
                 self.activate(version, change, expected=expected)
             return version
@@ -122,12 +125,20 @@ class Ledger:
             quality=dict(quality),
             created_at_s=change.at_s,
             parent=parent,
+            source_sha256=None if source is None else source.sha256,
         )
         self.add(version)
         if activate:
             self.set_current(version.number)
         self.add_event("publish", version.number, change)
         return version
+
+    def _with_source(self, version: Version, sha256: str) -> Version:
+        """Store the source of a version that was published without one."""
+        table = tables.versions
+        row = update(table).where(table.c.verb == self.verb, table.c.number == version.number)
+        self._connection.execute(row.values(source_sha256=sha256))
+        return replace(version, source_sha256=sha256)
 
     def activate(self, version: Version, change: Change, *, expected: int | None) -> None:
         """Make an existing version current, unless it is already; raises :class:`Conflict`."""
@@ -195,3 +206,11 @@ def select_versions(connection: Connection, *where: ColumnElement[bool]) -> list
     query = select(*columns).where(*where).order_by(tables.versions.c.verb, tables.versions.c.number)
     rows: list[dict[str, Any]] = [dict(row._mapping) for row in connection.execute(query)]
     return [Version(**row | {"quality": json.loads(row["quality"])}) for row in rows]
+
+
+def kept_detail(version: Version, current: int | None, reason: str) -> str:
+    """Detail of a job whose version was not activated."""
+    return (
+        f"kept as version {version.number}, not activated: version {current} is current, and the refinement started "
+        f"from version {version.parent}; {reason}"
+    )

@@ -10,6 +10,9 @@
     ├── UnknownJob         no refinement job has this id (id)
     ├── JobExists          a refinement job with this id exists (id)
     ├── JobEnded           the job has ended, and its state is final (id, state)
+    ├── UnknownDraft       no draft has this id (id)
+    ├── DraftChanged       the draft has another revision than expected (id, expected, found)
+    ├── TooManyDrafts      the limit of drafts or of their bytes is reached (limit)
     ├── Conflict           another version is current than expected (verb, expected, found)
     ├── ArtifactMissing    the blob of a version is missing or damaged (sha256)
     └── StoreUnavailable   the database or the artifacts cannot be reached; retry later (reason)
@@ -30,6 +33,8 @@ __all__ = [
     "ArtifactMissing",
     "BadAddress",
     "Conflict",
+    "Draft",
+    "DraftChanged",
     "Event",
     "InvalidValue",
     "Job",
@@ -37,6 +42,8 @@ __all__ = [
     "JobExists",
     "StoreError",
     "StoreUnavailable",
+    "TooManyDrafts",
+    "UnknownDraft",
     "UnknownJob",
     "UnknownVerb",
     "UnknownVersion",
@@ -79,6 +86,8 @@ class Version:
         Seconds since 1970, UTC.
     parent : int or None
         Version that it was refined from.
+    source_sha256 : str or None
+        Hash of the archive of its source, if that is stored.
     """
 
     verb: str
@@ -90,6 +99,7 @@ class Version:
     quality: Mapping[str, Any]
     created_at_s: float
     parent: int | None
+    source_sha256: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +162,42 @@ class Job:
     detail: str
     created_at_s: float
     updated_at_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A draft without its document.
+
+    Parameters
+    ----------
+    id : str
+    revision : int
+        Counts from 1; every change increments it.
+    name : str
+        Name of the verb that it becomes.
+    clips, excluded : int
+        Number of clips in the verb, and of others.
+    archive, motion : str
+        Hashes of the blobs with the clips, and with the motions that are displayed.
+    artifact : str or None
+        Hash of the blob with the verb; None where the clips make no verb.
+    size_bytes : int
+        Of all blobs and the document.
+    created_at_s, changed_at_s : float
+        Seconds since 1970, UTC.
+    """
+
+    id: str
+    revision: int
+    name: str
+    clips: int
+    excluded: int
+    archive: str
+    motion: str
+    artifact: str | None
+    size_bytes: int
+    created_at_s: float
+    changed_at_s: float
 
 
 class StoreError(Exception):
@@ -219,6 +265,30 @@ class JobEnded(StoreError):
     def __init__(self, id: str, state: str) -> None:
         self.id, self.state = id, state
         super().__init__(f"refinement job '{id}' has ended ({state}); start another one")
+
+
+class UnknownDraft(StoreError):
+    """No draft has this ``id``."""
+
+    def __init__(self, id: str) -> None:
+        self.id = id
+        super().__init__(f"unknown draft '{id:.64}'")
+
+
+class DraftChanged(StoreError):
+    """The draft with this ``id`` has the revision ``found``, not ``expected``."""
+
+    def __init__(self, id: str, expected: int, found: int) -> None:
+        self.id, self.expected, self.found = id, expected, found
+        super().__init__(f"draft '{id}' has revision {found}, not {expected}: read it again")
+
+
+class TooManyDrafts(StoreError):
+    """The limit of drafts, or of their bytes, is reached."""
+
+    def __init__(self, limit: int, what: str) -> None:
+        self.limit = limit
+        super().__init__(f"the store may hold {limit} {what}; publish and delete some, or raise the limit")
 
 
 class Conflict(StoreError):

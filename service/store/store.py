@@ -17,8 +17,9 @@ from sqlalchemy import select
 
 from service.store import tables
 from service.store.blobs import Blobs, open_blobs
+from service.store.drafts import Drafts, put_all, used_blobs
 from service.store.jobs import Jobs, UsageTable
-from service.store.ledger import Change, Ledger, select_versions
+from service.store.ledger import Change, Ledger, kept_detail, select_versions
 from service.store.notices import notices
 from service.store.records import (
     ArtifactMissing,
@@ -67,9 +68,6 @@ STEPS = ("write", "sync", "rename", "sync_folder", "transaction", "commit")
 ORPHAN_S = 3600.0
 """Age at which a file without a row is removed, seconds: its publisher has finished or died."""
 
-ATTEMPTS = 3
-"""Attempts to publish a blob that is collected before its row is written."""
-
 BATCH = 1000
 """Largest number of blobs that are removed in one transaction, while publishers wait."""
 
@@ -78,20 +76,13 @@ def _ignore(step: str) -> None:
     """Default of ``at``: do nothing."""
 
 
-def _kept_detail(version: Version, current: int | None, reason: str) -> str:
-    """Detail of a job whose version was not activated."""
-    return (
-        f"kept as version {version.number}, not activated: version {current} is current, and the refinement started "
-        f"from version {version.parent}; {reason}"
-    )
-
-
 class Store:
     """Versions of verbs in a database and their artifacts in a folder or bucket; see :meth:`open`."""
 
     def __init__(self, database: Database, blobs: Blobs, *, clock: Callable[[], float] = time.time) -> None:
         self._database, self._blobs, self._clock = database, blobs, clock
         self._jobs, self._usage = Jobs(database, clock), UsageTable(database)
+        self.drafts = Drafts(database, blobs, clock)
 
     @classmethod
     def open(
@@ -182,6 +173,7 @@ class Store:
         activate: bool = True,
         activate_if: int | None = None,
         ends: str | None = None,
+        source: Path | None = None,
         at: Callable[[str], None] = _ignore,
     ) -> Version:
         """Publish an artifact as a verb's next version.
@@ -209,6 +201,8 @@ class Store:
         ends : str, optional
             Refinement job that becomes ``published`` in the same transaction. Its detail is ``reason``, and states if
             the version was not activated.
+        source : Path, optional
+            Archive of the verb's source, kept as long as the version.
         at : callable
             Called with the name of each step before it, see :data:`STEPS`.
 
@@ -232,29 +226,22 @@ class Store:
         check_verb(verb)
         json_text("quality", quality)
         change = self._change(author, reason)
-        for _ in range(ATTEMPTS):
-            blob = self._blobs.put(artifact, at)
-            at("transaction")
-            with self._database.transaction(writes=True) as connection:
-                self._database.lock_blobs(connection, removing=False)
-                if not self._blobs.has(str(blob.sha256)):
-                    continue  # an old blob without a row, which was collected just now
-                ledger = Ledger(self._database, connection, verb)
-                version = ledger.add_blob(
-                    *(blob, quality, change),
-                    parent=parent,
-                    expected=expected,
-                    activate=activate,
-                    activate_if=activate_if,
-                )
-                if ends is not None:
-                    current = ledger.current()
-                    detail = reason if current == version.number else _kept_detail(version, current, reason)
-                    changes = {"state": "published", "version_after": version.number, "detail": detail}
-                    self._jobs.write(connection, ends, changes)
-                at("commit")
-            return version
-        raise StoreUnavailable("the artifact was removed while it was published")
+        with put_all(self._database, self._blobs, (artifact, *([source] if source else [])), at) as (connection, blobs):
+            ledger = Ledger(self._database, connection, verb)
+            version = ledger.add_blob(
+                *(blobs[0], blobs[1] if source else None, quality, change),
+                parent=parent,
+                expected=expected,
+                activate=activate,
+                activate_if=activate_if,
+            )
+            if ends is not None:
+                current = ledger.current()
+                detail = reason if current == version.number else kept_detail(version, current, reason)
+                changes = {"state": "published", "version_after": version.number, "detail": detail}
+                self._jobs.write(connection, ends, changes)
+            at("commit")
+        return version
 
     def activate(self, verb: str, number: int, *, author: str, reason: str, expected: int | None = None) -> Version:
         """Make one of a verb's versions current, also of a deleted verb; does nothing if it is current already.
@@ -296,8 +283,21 @@ class Store:
         """
         return self._blobs.path(version.sha256)
 
-    def collect(self, *, keep: int = 5, younger_s: float = 7 * 86400.0, now_s: float) -> list[str]:
-        """Remove old versions, files and usage; several processes may do so at the same time.
+    def source(self, version: Version) -> Path | None:
+        """A local file with the archive of a version's source; errors as of :meth:`path`.
+
+        A refined version has the source of the version that it was refined from. None where none is stored.
+        """
+        found = {row.number: row for row in self.versions(version.verb)}
+        row: Version | None = version
+        while row is not None and row.source_sha256 is None:
+            row = found.get(row.parent or 0)
+        return None if row is None or row.source_sha256 is None else self._blobs.path(row.source_sha256)
+
+    def collect(
+        self, *, keep: int = 5, younger_s: float = 7 * 86400.0, drafts_s: float = 30 * 86400.0, now_s: float
+    ) -> list[str]:
+        """Remove old versions, drafts, files and usage; several processes may do so at the same time.
 
         A verb keeps its current version, its ``keep`` newest, every version younger than ``younger_s``, and those that
         queued or running jobs refine. A verb that was deleted longer ago than that keeps only the last two kinds.
@@ -307,14 +307,15 @@ class Store:
         Parameters
         ----------
         keep : int
-        younger_s : float
+        younger_s, drafts_s : float
+            Drafts that were not changed for ``drafts_s`` are removed.
         now_s : float
             Seconds since 1970, UTC.
 
         Returns
         -------
         removed : list of str
-            ``"reach 3"`` for a version, else names of files.
+            ``"reach 3"`` for a version, ``"draft ID"``, else names of files.
 
         Raises
         ------
@@ -329,7 +330,7 @@ class Store:
                 ledger = Ledger(self._database, connection, verb)
                 ledger.lock()
                 removed += [f"{verb} {number}" for number in ledger.collect(keep=keep, before_s=now_s - younger_s)]
-        removed += self._usage.remove(before_s=now_s - younger_s)
+        removed += self._usage.remove(before_s=now_s - younger_s) + self.drafts.remove(before_s=now_s - drafts_s)
         return removed + self._collect_files(now_s - ORPHAN_S)
 
     def _collect_files(self, before_s: float) -> list[str]:
@@ -340,7 +341,7 @@ class Store:
             for start in range(0, len(old), BATCH):
                 with self._database.transaction(writes=True) as connection:
                     self._database.lock_blobs(connection, removing=True)
-                    used = set(connection.execute(select(tables.versions.c.sha256).distinct()).scalars())
+                    used = used_blobs(connection)
                     gone = [blob for blob in old[start : start + BATCH] if blob.sha256 not in used]
                     place.remove(gone)
                 removed += [blob.name if place is self._blobs else f"cached {blob.name}" for blob in gone]

@@ -37,13 +37,14 @@ from sqlalchemy.engine import URL
 from service.store.migrations import LAYOUT, upgrade
 from service.store.records import BadAddress, StoreError, StoreUnavailable
 
-__all__ = ["Database", "events", "jobs", "pointers", "traffic", "verbs", "versions"]
+__all__ = ["Database", "drafts", "events", "jobs", "pointers", "traffic", "verbs", "versions"]
 
 CONNECTIONS = 4
 """Largest number of connections of a store, besides one for notices."""
 
 _SETTING_UP = 0x41645631  # keys of advisory locks
 _PUBLISHING = 0x41645632
+_ADDING_DRAFTS = 0x41645633
 
 metadata = MetaData()
 
@@ -68,6 +69,7 @@ versions = Table(
     Column("quality", Text, nullable=False),
     Column("created_at_s", Double, nullable=False),
     Column("parent", Integer),  # no foreign key: the parent may be removed
+    Column("source_sha256", String(64)),  # archive of the source
 )
 
 pointers = Table(
@@ -115,6 +117,23 @@ traffic = Table(
     Column("server", String(200), primary_key=True),
     Column("cells", Text, nullable=False),
     Column("at_s", Double, nullable=False),
+)
+
+drafts = Table(
+    "adverb_drafts",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("revision", Integer, nullable=False),
+    Column("name", String(63), nullable=False),
+    Column("clips", Integer, nullable=False),
+    Column("excluded", Integer, nullable=False),
+    Column("archive", String(64), nullable=False),  # blobs
+    Column("motion", String(64), nullable=False),
+    Column("artifact", String(64)),
+    Column("size_bytes", BigInteger, nullable=False),
+    Column("document", Text, nullable=False),
+    Column("created_at_s", Double, nullable=False),
+    Column("changed_at_s", Double, nullable=False, index=True),
 )
 
 
@@ -184,6 +203,11 @@ class Database:
             return  # SQLite has one writer at a time
         lock = func.pg_advisory_xact_lock if removing else func.pg_advisory_xact_lock_shared
         connection.execute(select(lock(_PUBLISHING)))
+
+    def lock_drafts(self, connection: Connection) -> None:
+        """Until the transaction ends, prevent others from adding drafts, so that their number can be bounded."""
+        if not self.sqlite:
+            connection.execute(select(func.pg_advisory_xact_lock(_ADDING_DRAFTS)))
 
     def notify(self, connection: Connection, verb: str) -> None:
         """Notify servers, when the transaction is committed, that the current version of a verb changed."""

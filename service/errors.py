@@ -14,6 +14,12 @@ Every problem has a stable ``code``; ``type`` links to its description in ``/doc
     ├── BadBody            the body does not match its media type
     ├── BadUpload          an uploaded verb is invalid
     ├── VersionConflict    another version is current than the client expects
+    ├── UnknownDraft       no draft has this id
+    ├── TooManyDrafts      the limit of drafts is reached
+    ├── InvalidDraft       values cannot be stored in a draft
+    ├── DraftNotBuilt      the clips of a draft make no verb
+    ├── DraftChanged       the draft has another revision than the client expects
+    ├── NoSource           no source of the verb is stored
     ├── UnknownRefinement  no refinement has this id
     ├── AlreadyRefining    another refinement of the verb is unfinished
     ├── ReadOnly           the server was started without a data folder
@@ -52,7 +58,11 @@ __all__ = [
     "BatchTooLarge",
     "BodyTooLarge",
     "ChannelInUse",
+    "DraftChanged",
+    "DraftNotBuilt",
     "ForeignOrigin",
+    "InvalidDraft",
+    "NoSource",
     "NotAcceptable",
     "NotReady",
     "Overloaded",
@@ -61,7 +71,9 @@ __all__ = [
     "ServiceError",
     "StoreUnavailable",
     "TooManyChannels",
+    "TooManyDrafts",
     "UnknownChannel",
+    "UnknownDraft",
     "UnknownHost",
     "UnknownRefinement",
     "UnknownSession",
@@ -130,6 +142,30 @@ class BadUpload(ServiceError):
 
 class VersionConflict(ServiceError):
     """Another version is current than the client expects."""
+
+
+class UnknownDraft(ServiceError):
+    """No draft has this id."""
+
+
+class TooManyDrafts(ServiceError):
+    """The limit of drafts, or of their bytes, is reached."""
+
+
+class InvalidDraft(ServiceError):
+    """Values that cannot be stored in a draft, or not added to a source."""
+
+
+class DraftNotBuilt(ServiceError):
+    """The clips of a draft make no verb."""
+
+
+class DraftChanged(ServiceError):
+    """The draft has another revision than the client expects."""
+
+
+class NoSource(ServiceError):
+    """No source of the verb is stored."""
 
 
 class UnknownRefinement(ServiceError):
@@ -202,6 +238,12 @@ PROBLEMS: dict[str, Problem] = {
         Problem(422, "out_of_range", "Out of range", "The detail names the number and its bounds."),
         Problem(422, "bad_request", "Bad request", "The detail gives the reason."),
         Problem(404, "unknown_refinement", "Unknown refinement", "GET /v1/refinements lists the existing ones."),
+        Problem(404, "unknown_draft", "Unknown draft", "GET /v1/drafts lists the existing ones."),
+        Problem(409, "too_many_drafts", "Too many drafts", "Publish and delete some, or raise the server's limits."),
+        Problem(409, "draft_not_built", "Draft not built", "The detail states why its clips make no verb."),
+        Problem(409, "no_source", "No source", "Upload the verb as a zip of its source, then add the example."),
+        Problem(412, "revision_changed", "Revision changed", "Read revision `current`, and retry with its number."),
+        Problem(422, "invalid_draft", "Invalid draft", "`errors` lists the places and problems; nothing was changed."),
         Problem(409, "already_refining", "Already refining", "Follow or cancel the one in `refinement`."),
         Problem(409, "read_only", "Read-only server", "Start the server with a data folder (--data)."),
         Problem(412, "version_conflict", "Version conflict", "Read version `current`, and retry with its number."),
@@ -234,6 +276,12 @@ _SERVICE_CODES: dict[type[ServiceError], str] = {
     BadBody: "malformed_body",
     BadUpload: "bad_upload",
     VersionConflict: "version_conflict",
+    UnknownDraft: "unknown_draft",
+    TooManyDrafts: "too_many_drafts",
+    InvalidDraft: "invalid_draft",
+    DraftNotBuilt: "draft_not_built",
+    DraftChanged: "revision_changed",
+    NoSource: "no_source",
     UnknownRefinement: "unknown_refinement",
     AlreadyRefining: "already_refining",
     ReadOnly: "read_only",
@@ -293,6 +341,12 @@ def _of_store(err: StoreError) -> Exception:
             translated = UnknownName("version", str(err.number), [str(number) for number in err.known])
         case records.UnknownJob():
             translated = UnknownRefinement(f"unknown refinement '{err.id[:64]}'")
+        case records.UnknownDraft():
+            translated = UnknownDraft(str(err))
+        case records.DraftChanged():
+            translated = DraftChanged(str(err), current=err.found)
+        case records.TooManyDrafts():
+            translated = TooManyDrafts(str(err), limit=err.limit)
         case records.Conflict():
             translated = VersionConflict(str(err), current=err.found)
         case records.StoreUnavailable():

@@ -133,6 +133,15 @@ class Settings(BaseSettings):
     max_upload_bytes: Annotated[
         int, Field(ge=1_024, le=1024**3, description="Largest upload of a verb or of a zip of a verb source, bytes.")
     ] = 256 * 1024 * 1024
+    max_drafts: Annotated[
+        int, Field(ge=0, le=10_000, description="Largest number of drafts, of all servers with one database.")
+    ] = 100
+    max_drafts_bytes: Annotated[
+        int, Field(ge=0, le=1024**4, description="Largest size of all drafts with their clips and verbs, bytes.")
+    ] = 4 * 1024**3
+    draft_days: Annotated[
+        float, Field(gt=0, le=3_650, description="Days after its last change at which a draft is removed.")
+    ] = 30.0
     log_level: Annotated[LogLevel, Field(description="Lowest level of log messages: debug, info, warning, error.")] = (
         "info"
     )

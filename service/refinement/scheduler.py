@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import platform
 import secrets
+import shutil
 import time
 from contextlib import suppress
 from functools import partial
@@ -58,7 +59,9 @@ class Scheduler:
     usage : Usage
     metrics : Metrics
     uploads : Path
-        Folder of uploads that are being read; files older than an hour are removed.
+        Folder of uploads that are being read; files and folders older than an hour are removed.
+    drafts_s : float
+        Time after its last change at which a draft is removed, seconds.
     refine_above : float, optional
         Mean error of a verb's poses, as a share of the diagonal, above which it is refined.
     started_s : float
@@ -73,11 +76,12 @@ class Scheduler:
         metrics: Metrics,
         *,
         uploads: Path,
+        drafts_s: float = 30 * 86400.0,
         refine_above: float | None,
         started_s: float,
     ) -> None:
         self._store, self._refinements, self._usage, self._metrics = store, refinements, usage, metrics
-        self._uploads, self._refine_above = uploads, refine_above
+        self._uploads, self._drafts_s, self._refine_above = uploads, drafts_s, refine_above
         self.server = f"{platform.node()[:100]}-{secrets.token_hex(4)}"
         self._changed: set[str] = set()
         self._store_usage_at_s, self._collect_at_s = started_s, started_s + COLLECT_S[0]
@@ -121,12 +125,15 @@ class Scheduler:
             self._changed.discard(verb)
 
     def _collect(self, now_s: float) -> None:
-        """Remove old versions, artifacts and uploads."""
-        removed = self._store.collect(now_s=now_s)
+        """Remove old versions, drafts, artifacts and uploads."""
+        removed = self._store.collect(now_s=now_s, drafts_s=self._drafts_s)
         for path in self._uploads.iterdir():
             with suppress(FileNotFoundError):  # its upload has ended meanwhile
                 if path.stat().st_mtime < now_s - ORPHAN_S:
-                    path.unlink()
+                    if path.is_dir():
+                        shutil.rmtree(path)
+                    else:
+                        path.unlink()
                     removed.append(f"upload {path.name}")
         if removed:
             log.info("collected", count=len(removed), removed=removed[:20])

@@ -11,7 +11,6 @@ import sys
 from dataclasses import replace
 from functools import cache
 from itertools import islice
-from pathlib import Path
 
 import structlog
 
@@ -44,11 +43,13 @@ def load_building() -> None:
     from service.upload import sandbox  # noqa: F401
     from verbs import library, refine, refine_quality
     from verbs.authoring.fit import build
+    from verbs.proposal.propose import propose
     from verbs.quality import foot_contact
     from verbs.runtime.evaluate import Evaluator
 
     for name in ("arm3", "reach"):
-        build(Path(library.__file__).parent / name)
+        build(library.source(name))
+    propose(library.source("reach"))
     for _ in islice(refine.refine(library.load("arm3")), 2):
         pass
     reach = library.load("reach")

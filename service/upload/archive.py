@@ -1,15 +1,18 @@
-"""Unpacking of zipped verb sources, with limits on size, number and paths of files."""
+"""Unpacking of zipped verb sources and clips, with limits on size, number and paths of files; packing of sources."""
 
 from __future__ import annotations
 
+import shutil
 import stat
 import zipfile
 import zlib
+from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 from verbs.errors import SourceError
+from verbs.io.motion_files import ENDINGS
 
-__all__ = ["MAX_FILES", "MAX_UNPACKED_BYTES", "is_zip", "unpack"]
+__all__ = ["MAX_FILES", "MAX_UNPACKED_BYTES", "extract", "is_zip", "pack", "unpack", "unpack_clips"]
 
 MAX_FILES = 4_000
 MAX_UNPACKED_BYTES = 512 * 1024 * 1024
@@ -42,6 +45,40 @@ def unpack(archive: Path, folder: Path) -> Path:
     SourceError
         The archive is broken, too large, leads out of the folder, or holds no source.
     """
+    extract(archive, folder)
+    return _root(archive, folder)
+
+
+def unpack_clips(archive: Path, folder: Path) -> Path:
+    """Unpack clips into an empty folder; return the folder in it that holds them, with or without ``verb.toml``.
+
+    Errors are those of :func:`unpack`.
+    """
+    extract(archive, folder)
+    if list(folder.glob("verb.toml")) or list(folder.glob("*/verb.toml")):
+        return _root(archive, folder)
+    places = sorted({path.parent for path in folder.rglob("*") if path.suffix.lower() in ENDINGS and path.is_file()})
+    if not places:
+        raise SourceError(archive, f"the archive holds no motion files ({', '.join(ENDINGS)})")
+    if len(places) > 1:
+        listed = ", ".join(str(path.relative_to(folder)) for path in places[:4])
+        raise SourceError(archive, f"the archive has clips in several folders: {listed}; put all into one")
+    return places[0]
+
+
+def pack(folder: Path, archive: Path, names: Iterable[str] | None = None) -> None:
+    """Zip files of a folder, by default all, as :func:`extract` reads them; the same bytes for the same files."""
+    every = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as opened:
+        for name in sorted(every if names is None else names):
+            row = zipfile.ZipInfo(name)  # its date is constant
+            row.compress_type, row.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            with (folder / name).open("rb") as source, opened.open(row, "w") as target:
+                shutil.copyfileobj(source, target, _BLOCK)
+
+
+def extract(archive: Path, folder: Path) -> None:
+    """Unpack an archive into an empty folder; raises :class:`SourceError` as :func:`unpack` does."""
     try:
         with zipfile.ZipFile(archive) as opened:
             members = [row for row in opened.infolist() if not row.is_dir() and not _added(row.filename)]
@@ -51,7 +88,6 @@ def unpack(archive: Path, folder: Path) -> Path:
                 left -= _write(opened, row, folder.joinpath(*PurePosixPath(row.filename).parts), left, archive)
     except _BROKEN as err:
         raise SourceError(archive, f"the archive cannot be unpacked: {err}") from err
-    return _root(archive, folder)
 
 
 def _added(name: str) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import orjson
 
-from service.errors import BadUpload, Overloaded
+from service.errors import BadUpload, DraftNotBuilt, InvalidDraft, Overloaded
 from service.upload.sandbox import Job
 
 __all__ = ["MAX_ANSWER_BYTES", "Builder", "Made", "Sandboxes"]
@@ -84,6 +84,23 @@ class Builder:
         Overloaded
             Too many other uploads wait.
         """
+        answer = await self._run({"upload": str(upload), "result": str(result)})
+        return Made(str(answer["verb"]), answer["quality"], tuple(answer["warnings"]))
+
+    async def perform(self, task: str, folder: Path) -> Mapping[str, Any]:
+        """Do a task on a draft in a folder, see :mod:`service.upload.drafting.tasks`; return its answer.
+
+        Raises
+        ------
+        BadUpload, InvalidDraft, DraftNotBuilt
+            With the reason.
+        Overloaded
+            Too many other uploads wait.
+        """
+        return await self._run({"task": task, "folder": str(folder)})
+
+    async def _run(self, job: Job) -> Mapping[str, Any]:
+        """The answer to a job; raises the error that it states."""
         if self._waiting >= MAX_WAITING:
             raise Overloaded(f"{MAX_WAITING} uploads wait already", headers={"Retry-After": "5"})
         self._waiting += 1
@@ -91,12 +108,17 @@ class Builder:
             async with self._turn:
                 await self._sandboxes.prepare()
                 self._taken.set()
-                answer = await self._answer({"upload": str(upload), "result": str(result)})
+                answer = await self._answer(job)
         finally:
             self._waiting -= 1
-        if "error" in answer:
-            raise BadUpload(str(answer["error"]))
-        return Made(str(answer["verb"]), answer["quality"], tuple(answer["warnings"]))
+        if "error" not in answer:
+            return answer
+        match answer.get("kind"):
+            case "InvalidDraft":
+                raise InvalidDraft(str(answer["error"]), errors=answer["errors"])
+            case "NotBuilt":
+                raise DraftNotBuilt(str(answer["error"]))
+        raise BadUpload(str(answer["error"]))
 
     async def _answer(self, job: Job) -> Mapping[str, Any]:
         """What the sandbox answers; where it does not, an error that stands for it."""

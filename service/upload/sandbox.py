@@ -19,12 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from service.upload.archive import is_zip, unpack
+from service.upload.drafting.errors import InvalidDraft
 from verbs.errors import VerbError
 
 __all__ = ["MAX_REQUEST_BYTES", "Job", "main", "run", "work"]
 
 Job = Mapping[str, str]
-"""Paths: the ``upload``, and the ``result`` to write."""
+"""Paths: the ``upload``, and the ``result`` to write; or a ``task`` of :mod:`service.upload.drafting.tasks` and its
+``folder``."""
 
 MAX_REQUEST_BYTES = 65_536
 """Longest message with which a server sends a job to its parent."""
@@ -52,7 +54,7 @@ def main() -> None:
         return  # the server ended
     job = json.loads(line)
     _limit()
-    _write(sys.stdout.fileno(), work(Path(job["upload"]), Path(job["result"])))
+    _write(sys.stdout.fileno(), _done(job))
 
 
 def run(job: Job, to: int) -> None:
@@ -62,7 +64,20 @@ def run(job: Job, to: int) -> None:
         os.dup2(null, number)
     os.close(null)
     _limit()
-    _write(to, work(Path(job["upload"]), Path(job["result"])))
+    _write(to, _done(job))
+
+
+def _done(job: Job) -> dict[str, Any]:
+    """The answer to a job of either kind."""
+    if "task" not in job:
+        return work(Path(job["upload"]), Path(job["result"]))
+    from service.upload.drafting import tasks
+
+    folder = Path(job["folder"])
+    try:
+        return tasks.perform(job["task"], folder)
+    except Exception as err:
+        return _failed(err, folder / "upload")
 
 
 def work(upload: Path, result: Path) -> dict[str, Any]:
@@ -80,12 +95,18 @@ def work(upload: Path, result: Path) -> dict[str, Any]:
         Evaluator(verb).warm()  # what cannot be evaluated is not served
         result.hardlink_to(upload)
         return {"verb": verb.name, "quality": dict(verb.quality), "warnings": []}
-    except VerbError as err:
-        return {"error": _without_paths(str(err), upload), "kind": type(err).__name__}
-    except MemoryError:
-        return {"error": f"it needs more than {MAX_MEMORY_BYTES // 1024**3} GiB of memory", "kind": "MemoryError"}
     except Exception as err:
-        return {"error": f"it cannot be read: {type(err).__name__}", "kind": "internal"}
+        return _failed(err, upload)
+
+
+def _failed(err: Exception, upload: Path) -> dict[str, Any]:
+    """The answer that stands for an error."""
+    if isinstance(err, VerbError):
+        more = {"errors": err.errors} if isinstance(err, InvalidDraft) else {}
+        return {"error": _without_paths(str(err), upload), "kind": type(err).__name__, **more}
+    if isinstance(err, MemoryError):
+        return {"error": f"it needs more than {MAX_MEMORY_BYTES // 1024**3} GiB of memory", "kind": "MemoryError"}
+    return {"error": f"it cannot be read: {type(err).__name__}", "kind": "internal"}
 
 
 def _built(folder: Path, result: Path) -> dict[str, Any]:

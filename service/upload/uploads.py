@@ -8,6 +8,7 @@ from pathlib import Path
 
 from service.catalog.store_sync import StoreSync
 from service.store.records import Version
+from service.upload.archive import is_zip
 from service.upload.builder import Builder
 
 __all__ = ["Uploads"]
@@ -62,9 +63,10 @@ class Uploads:
                 async for chunk in chunks:
                     file.write(chunk)
             made = await self._builder.make(upload, result)
-            version = await self._sync.publish(
-                made.verb, result, author=author, reason="upload", quality=made.quality, expected=expected
-            )
+            with upload.open("rb") as file:
+                source = upload if is_zip(file.read(4)) else None
+            options = {"quality": made.quality, "expected": expected, "source": source}
+            version = await self._sync.publish(made.verb, result, author=author, reason="upload", **options)
         finally:
             upload.unlink(missing_ok=True)
             result.unlink(missing_ok=True)

@@ -15,15 +15,21 @@
         │   ├── UnknownJoint
         │   ├── UnknownMethod
         │   ├── UnknownSpace
-        │   └── UnknownRefinement
+        │   ├── UnknownRefinement
+        │   └── UnknownDraft
         ├── BadRequest
         │   ├── MalformedBody
         │   ├── InvalidRequest      see `field_errors`
         │   ├── OutOfRange
         │   ├── BadUpload
+        │   ├── InvalidDraft        see `field_errors`
         │   └── BadMessage          of a stream
         ├── Conflict                the state of the server does not allow it
         │   ├── VersionConflict
+        │   ├── RevisionChanged
+        │   ├── TooManyDrafts
+        │   ├── DraftNotBuilt
+        │   ├── NoSource
         │   ├── AlreadyRefining
         │   └── ReadOnly
         ├── TooLarge                see `limit`
@@ -69,12 +75,15 @@ __all__ = [
     "ChannelInUse",
     "Conflict",
     "DecodeError",
+    "DraftNotBuilt",
     "FieldError",
     "ForeignOrigin",
     "InternalError",
+    "InvalidDraft",
     "InvalidRequest",
     "MalformedBody",
     "MethodNotAllowed",
+    "NoSource",
     "NotAcceptable",
     "NotFound",
     "NotReady",
@@ -82,16 +91,19 @@ __all__ = [
     "Overloaded",
     "ReadOnly",
     "ResponseError",
+    "RevisionChanged",
     "SkeletonMismatch",
     "StoreUnavailable",
     "StreamClosed",
     "TimedOut",
     "TooLarge",
     "TooManyChannels",
+    "TooManyDrafts",
     "TransportError",
     "Unavailable",
     "UnknownAdverb",
     "UnknownChannel",
+    "UnknownDraft",
     "UnknownHost",
     "UnknownJoint",
     "UnknownMethod",
@@ -282,6 +294,12 @@ class UnknownRefinement(UnknownName):
     code = "unknown_refinement"
 
 
+class UnknownDraft(UnknownName):
+    """The draft does not exist."""
+
+    code = "unknown_draft"
+
+
 class BadRequest(ResponseError):
     """The request is invalid; see ``detail``."""
 
@@ -312,6 +330,12 @@ class BadUpload(BadRequest):
     code = "bad_upload"
 
 
+class InvalidDraft(BadRequest):
+    """The changes of a draft, or the added example, are invalid; see ``field_errors``."""
+
+    code = "invalid_draft"
+
+
 class Conflict(ResponseError):
     """The state of the server does not allow the request."""
 
@@ -320,6 +344,30 @@ class VersionConflict(Conflict):
     """The verb has another version than the request expects."""
 
     code = "version_conflict"
+
+
+class RevisionChanged(Conflict):
+    """The draft has another revision than the request expects."""
+
+    code = "revision_changed"
+
+
+class TooManyDrafts(Conflict):
+    """The server has the maximum of drafts, or of their bytes; see ``limit``."""
+
+    code = "too_many_drafts"
+
+
+class DraftNotBuilt(Conflict):
+    """The clips of the draft make no verb."""
+
+    code = "draft_not_built"
+
+
+class NoSource(Conflict):
+    """No source of the verb is stored."""
+
+    code = "no_source"
 
 
 class AlreadyRefining(Conflict):

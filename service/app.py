@@ -15,7 +15,7 @@ from service.catalog.catalog import Catalog
 from service.http import openapi
 from service.http.guard import Guard, allowed_names
 from service.http.middleware import BodyLimit, Observe
-from service.http.routes import health, pages, poses, quality, refinements, verbs, versions
+from service.http.routes import drafts, examples, health, pages, poses, quality, refinements, verbs, versions
 from service.settings import Settings, origins_of
 from service.state import ServerState, Supervise
 from service.stream import endpoint
@@ -61,14 +61,14 @@ def create_app(
             Middleware(Observe, metrics=state.metrics),
             *([_cors(origins)] if origins else []),
             Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts), origins=origins),
-            Middleware(BodyLimit, limit=settings.max_body_bytes, others={"/v1/verbs": settings.max_upload_bytes}),
+            Middleware(BodyLimit, limit=settings.max_body_bytes, upload_limit=settings.max_upload_bytes),
         ],
     )
     app.state.server = state
     # Not include_router: it nests, and asking five routers for their match takes as long as blending the pose.
     routers = (
         *(poses.router, verbs.router, quality.router, versions.router, refinements.router),
-        *(health.router, pages.router),
+        *(drafts.router, examples.router, health.router, pages.router),
     )
     app.router.routes[:0] = [route for router in routers for route in router.routes]
     app.router.routes.insert(0, endpoint.route(state.hub))

@@ -27,6 +27,7 @@ from service.store.store import Store, StoreUnavailable
 from service.stream import kernels
 from service.stream.hub import Hub
 from service.upload.builder import Builder, Sandboxes
+from service.upload.drafts import Drafts
 from service.upload.spawned import Spawned
 from service.upload.uploads import Uploads
 from verbs.runtime.evaluate import Blend
@@ -67,10 +68,11 @@ class ServerState:
     ready : anyio.Event
         Set when verbs are loaded.
     store_sync : StoreSync or None
-        Connection of catalog and store; None without a data folder, as are the next two.
+        Connection of catalog and store; None without a data folder, as are the next three.
     refinements : Refinements or None
         The queue of jobs.
     uploads : Uploads or None
+    drafts : Drafts or None
     """
 
     def __init__(
@@ -91,6 +93,7 @@ class ServerState:
         self.store_sync: StoreSync | None = None
         self.refinements: Refinements | None = None
         self.uploads: Uploads | None = None
+        self.drafts: Drafts | None = None
         self._builder = Builder(sandboxes or Spawned())
         self._waiting_for = "verbs are being loaded and kernels compiled"
         self._on_ready, self._supervise = on_ready, supervise
@@ -143,6 +146,7 @@ class ServerState:
             *(sync.store, refinements, self.usage, self.metrics),
             refine_above=self.settings.refine_above,
             uploads=uploads.folder,
+            drafts_s=86400.0 * self.settings.draft_days,
             started_s=time.time(),
         )
         try:
@@ -167,11 +171,13 @@ class ServerState:
         try:
             sync = StoreSync(store, settings.data, current=self.current, set_catalog=self.set_catalog)
             uploads = Uploads(settings.data / "uploads", self._builder, sync)
+            drafts = Drafts(uploads.folder, self._builder, sync, settings)
             loaded = sync.load()
         except BaseException:
             store.close()
             raise
-        self.store_sync, self.refinements, self.uploads = sync, Refinements(settings.database, store), uploads
+        self.store_sync, self.refinements = sync, Refinements(settings.database, store)
+        self.uploads, self.drafts = uploads, drafts
         return loaded
 
     def _wait_for_store(self, err: StoreUnavailable) -> None:

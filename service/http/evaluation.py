@@ -45,8 +45,13 @@ class Batch:
     given_time: bool
 
 
-async def pose(state: ServerState, entry: Entry, request: PoseRequest, *, support: bool) -> Evaluated:
-    """Evaluate one pose, with its support if requested; on the event loop unless many cycles have to be integrated."""
+async def pose(
+    state: ServerState, entry: Entry, request: PoseRequest, *, support: bool, counted: bool = True
+) -> Evaluated:
+    """Evaluate one pose, with its support if requested; on the event loop unless many cycles have to be integrated.
+
+    Poses of verbs that are not served are not ``counted``.
+    """
     entry.check(method=request.method)
     evaluator, joints = entry.evaluator, entry.joints(request.joints)
 
@@ -69,7 +74,8 @@ async def pose(state: ServerState, entry: Entry, request: PoseRequest, *, suppor
     if entry.verb.looping:
         cost = entry.cost_us(1, request.phase or (request.time or 0.0) / entry.shortest_s)
     found = await state.pool.run(cost, work)
-    state.metrics.count_poses(entry, found.poses.blend, 1)
+    if counted:
+        state.metrics.count_poses(entry, found.poses.blend, 1)
     return found
 
 
@@ -124,8 +130,10 @@ async def poses(state: ServerState, entry: Entry, batch: Batch, *, support: bool
     return found
 
 
-async def sequence(state: ServerState, entry: Entry, request: SequenceRequest, *, support: bool) -> Motion:
-    """Evaluate a whole motion; a long one runs in a thread."""
+async def sequence(
+    state: ServerState, entry: Entry, request: SequenceRequest, *, support: bool, counted: bool = True
+) -> Motion:
+    """Evaluate a whole motion; a long one runs in a thread. ``counted`` as of :func:`pose`."""
     entry.check(method=request.method)
     evaluator, joints = entry.evaluator, entry.joints(request.joints)
     limit = state.settings.max_sequence_frames
@@ -140,7 +148,8 @@ async def sequence(state: ServerState, entry: Entry, request: SequenceRequest, *
 
     frames = request.fps * entry.longest_s * request.cycles * (1 if request.track is None else 3)
     motion = await state.pool.run(entry.cost_us(int(frames), float(request.cycles)), work)
-    state.metrics.count_poses(entry, motion.frames.poses.blend, len(motion.frames.rotations))
+    if counted:
+        state.metrics.count_poses(entry, motion.frames.poses.blend, len(motion.frames.rotations))
     return motion
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import secrets
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
 
@@ -30,6 +29,7 @@ HEADERS = (
 )
 """Headers of every response: a page of another site cannot load it as a script or an image, and no address leaks."""
 
+_UPLOADS = re.compile(r"/v1/(?:verbs|drafts|verbs/[^/]+/examples)")
 _REQUEST_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 
 log = structlog.get_logger("adverb.request")
@@ -91,19 +91,19 @@ class BodyLimit:
     ----------
     limit : int
         Bytes.
-    others : mapping of str to int
-        Limits of paths that have their own.
+    upload_limit : int
+        Bytes, of the paths that take uploads.
     """
 
-    def __init__(self, app: ASGIApp, *, limit: int, others: Mapping[str, int]) -> None:
-        self.app, self.limit, self.others = app, limit, others
+    def __init__(self, app: ASGIApp, *, limit: int, upload_limit: int) -> None:
+        self.app, self.limit, self.upload_limit = app, limit, upload_limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
         if scope["type"] != "http" or scope["method"] == "GET":
             await self.app(scope, receive, send)
             return
-        limit = self.others.get(scope["path"], self.limit)
+        limit = self.upload_limit if _UPLOADS.fullmatch(scope["path"]) else self.limit
         for name, value in scope["headers"]:
             if name == b"content-length" and (not value.isdigit() or len(value) > 18 or int(value) > limit):
                 await errors.response_of(_refusal(limit))(scope, receive, send)

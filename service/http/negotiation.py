@@ -12,10 +12,24 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import StreamingResponse
 
 from service import errors
+from verbs.errors import RequestError
 
-__all__ = ["BVH", "JSON", "OCTETS", "accepted", "header", "media_type", "read", "read_model", "sliced"]
+__all__ = [
+    "BVH",
+    "JSON",
+    "OCTETS",
+    "ZIP",
+    "accepted",
+    "header",
+    "if_match",
+    "media_type",
+    "read",
+    "read_model",
+    "sliced",
+]
 
 JSON, OCTETS, BVH = "application/json", "application/octet-stream", "text/x-bvh"
+ZIP = "application/zip"
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -47,6 +61,17 @@ def accepted(request: Request, *offers: str) -> str:
     if chosen is None:
         raise errors.NotAcceptable(f"this route offers {', '.join(offers)}; accept one of them", known=list(offers))
     return chosen
+
+
+def if_match(request: Request, what: str) -> int | None:
+    """Number of ``If-Match``; None if it is absent or ``*``; raises :class:`verbs.errors.RequestError`."""
+    given = header(request, b"if-match").decode("latin-1").strip()
+    if given in ("", "*"):
+        return None
+    number = given.removeprefix("W/").strip('"')
+    if not number.isdigit() or len(number) > 9:
+        raise RequestError(f"If-Match is {given[:40]}; it must be the number of a {what} in quotes, or *")
+    return int(number)
 
 
 async def read(request: Request) -> bytes:

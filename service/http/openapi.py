@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
-from service.http import request_models, response_models
+from service.http import draft_models, request_models, response_models
 from service.http.documented import problems
 from service.stream import messages
 
@@ -26,6 +26,8 @@ _VALIDATED_BY_HANDLERS = (
     request_models.BatchRequest,
     request_models.SequenceRequest,
     request_models.RefinementRequest,
+    draft_models.DraftChange,
+    draft_models.DraftPublication,
     response_models.ProblemAnswer,
 )
 

@@ -14,6 +14,7 @@ from verbs.runtime.sequence import MAX_CYCLES, MAX_FPS
 __all__ = [
     "BatchItem",
     "BatchRequest",
+    "Body",
     "Options",
     "PoseRequest",
     "RefinementRequest",
@@ -42,13 +43,13 @@ Time = Annotated[
 ]
 
 
-class _Body(BaseModel):
+class Body(BaseModel):
     """A request body without unknown fields, conversions and non-finite numbers."""
 
     model_config = STRICT
 
 
-class Options(_Body):
+class Options(Body):
     """Options of all routes that evaluate poses."""
 
     method: Annotated[
@@ -128,7 +129,7 @@ class BatchRequest(Options):
     items: Annotated[list[BatchItem], Field(min_length=1, max_length=10_000)]
 
 
-class TrackPoint(_Body):
+class TrackPoint(Body):
     """Adverbs at a time."""
 
     time: Annotated[float, Field(ge=0, le=3_600, description="Seconds from the start.")]
@@ -160,7 +161,7 @@ class SequenceRequest(Options):
         return self
 
 
-class RefinementRequest(_Body):
+class RefinementRequest(Body):
     """Options of a refinement."""
 
     aim: Annotated[

@@ -288,6 +288,7 @@ class VersionAnswer(BaseModel):
     reason: str
     created_at: Annotated[float, Field(description="Seconds since 1970.")]
     parent: Annotated[int | None, Field(description="The version that it was refined from.")]
+    source: Annotated[bool, Field(description="Whether its source is stored, to which an example can be added.")]
     quality: dict[str, Any]
 
 

@@ -13,16 +13,14 @@ from service.compute import run_in_thread
 from service.errors import ReadOnly
 from service.http.context import state_of
 from service.http.documented import VerbName, forms, problems
-from service.http.negotiation import JSON, OCTETS, header, media_type
+from service.http.negotiation import JSON, OCTETS, ZIP, if_match, media_type
 from service.http.response_models import UploadAnswer, VersionAnswer, VersionsAnswer
 from service.state import ServerState
 from service.store.store import Version
 from service.upload.uploads import Uploads
-from verbs.errors import RequestError
 
-__all__ = ["router"]
+__all__ = ["AUTHOR", "READ_ONLY", "Number", "router", "version_json"]
 
-ZIP = "application/zip"
 AUTHOR = "a client"
 READ_ONLY = "this server is read-only; start it with a data folder (--data)"
 
@@ -57,8 +55,8 @@ async def upload(request: Request) -> Response:
     """
     uploads = _uploads(request)
     media_type(request, OCTETS, ZIP)
-    version, warnings = await uploads.publish(request.stream(), author=AUTHOR, expected=_expected(request))
-    answer = {**_to_json(version, version.number), "warnings": warnings}
+    version, warnings = await uploads.publish(request.stream(), author=AUTHOR, expected=if_match(request, "version"))
+    answer = {**version_json(version, version.number), "warnings": warnings}
     headers = {"ETag": f'"{version.number}"', "Location": f"/v1/verbs/{version.verb}"}
     return Response(orjson.dumps(answer), 201, headers, JSON)
 
@@ -72,7 +70,7 @@ async def upload(request: Request) -> Response:
 )
 async def delete(request: Request, verb: VerbName) -> Response:
     """Stop serving a verb. Its versions are kept for a while; activating one serves it again."""
-    await _store_sync(request).delete(verb, author=AUTHOR, reason="delete", expected=_expected(request))
+    await _store_sync(request).delete(verb, author=AUTHOR, reason="delete", expected=if_match(request, "version"))
     return Response(status_code=204)
 
 
@@ -91,7 +89,7 @@ async def versions(request: Request, verb: VerbName) -> Response:
     answer = {
         "verb": verb,
         "current": current,
-        "versions": [_to_json(row, current) for row in sorted(rows, key=lambda row: -row.number)],
+        "versions": [version_json(row, current) for row in sorted(rows, key=lambda row: -row.number)],
     }
     headers = {} if current is None else {"ETag": f'"{current}"'}
     return Response(orjson.dumps(answer), 200, headers, JSON)
@@ -106,9 +104,9 @@ async def versions(request: Request, verb: VerbName) -> Response:
 )
 async def activate(request: Request, verb: VerbName, number: Number) -> Response:
     """Roll a verb back or forward. Streams change to the version between two frames."""
-    sync, expected = _store_sync(request), _expected(request)
+    sync, expected = _store_sync(request), if_match(request, "version")
     version = await sync.activate(verb, number, author=AUTHOR, reason="activate", expected=expected)
-    return Response(orjson.dumps(_to_json(version, version.number)), 200, {"ETag": f'"{version.number}"'}, JSON)
+    return Response(orjson.dumps(version_json(version, version.number)), 200, {"ETag": f'"{version.number}"'}, JSON)
 
 
 @router.get(
@@ -148,18 +146,8 @@ def _loaded(request: Request) -> ServerState:
     return state
 
 
-def _expected(request: Request) -> int | None:
-    """Version number of ``If-Match``; None if it is absent or ``*``."""
-    given = header(request, b"if-match").decode("latin-1").strip()
-    if given in ("", "*"):
-        return None
-    number = given.removeprefix("W/").strip('"')
-    if not number.isdigit() or len(number) > 9:
-        raise RequestError(f"If-Match is {given[:40]}; it must be the number of a version in quotes, or *")
-    return int(number)
-
-
-def _to_json(version: Version, current: int | None) -> dict[str, Any]:
+def version_json(version: Version, current: int | None) -> dict[str, Any]:
+    """A version as JSON values."""
     return {
         "verb": version.verb,
         "version": version.number,
@@ -170,5 +158,6 @@ def _to_json(version: Version, current: int | None) -> dict[str, Any]:
         "reason": version.reason,
         "created_at": version.created_at_s,
         "parent": version.parent,
+        "source": version.source_sha256 is not None,
         "quality": dict(version.quality),
     }

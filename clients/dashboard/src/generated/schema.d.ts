@@ -66,6 +66,142 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/drafts": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List the drafts
+         * @description List the drafts, the last changed first.
+         */
+        get: operations["list_drafts"];
+        put?: never;
+        /**
+         * Make a draft of clips
+         * @description Make a draft of a zip of motion files, with or without `verb.toml`.
+         *
+         *     Keytimes, adverbs, unit and axes are proposed; clips that cannot be used are listed with the reason.
+         */
+        post: operations["create_draft"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/drafts/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get a draft
+         * @description Get a draft: its clips with keytimes, adverbs and mends, and its verb. The `ETag` is its revision.
+         */
+        get: operations["get_draft"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete a draft
+         * @description Delete a draft with its clips.
+         */
+        delete: operations["delete_draft"];
+        options?: never;
+        head?: never;
+        /**
+         * Change a draft
+         * @description Change a draft, and build its verb again; with `If-Match: "3"` only if its revision is 3.
+         *
+         *     Where the clips that are left make no verb, `verb` is null and `problem` states why.
+         */
+        patch: operations["change_draft"];
+        trace?: never;
+    };
+    "/v1/drafts/{id}/motion": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Motions of a draft's clips
+         * @description Return poses of all readable clips for display: a line of JSON, then float32 (docs/rest.md).
+         */
+        get: operations["draft_motion"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/drafts/{id}/pose": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * One pose of a draft
+         * @description Evaluate one pose of the draft's verb, as of a verb; `version` is the draft's revision.
+         */
+        post: operations["draft_pose"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/drafts/{id}/publish": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Publish a draft
+         * @description Publish the draft's verb with its source, as the next version of its name. The draft stays.
+         */
+        post: operations["publish_draft"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/drafts/{id}/sequence": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * A whole motion of a draft
+         * @description Evaluate a whole motion of the draft's verb, as of a verb; `version` is the draft's revision.
+         */
+        post: operations["draft_sequence"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/refinements": {
         parameters: {
             query?: never;
@@ -178,6 +314,28 @@ export interface paths {
          * @description Stop serving a verb. Its versions are kept for a while; activating one serves it again.
          */
         delete: operations["delete_verb"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/verbs/{verb}/examples": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Add an example to a verb
+         * @description Publish a version with one more example: the current version's source and a motion file.
+         *
+         *     Keytimes are aligned from the nearest examples where they are not given; adverbs are measured.
+         */
+        post: operations["add_example"];
+        delete?: never;
         options?: never;
         head?: never;
         patch?: never;
@@ -524,6 +682,290 @@ export interface components {
             op: "close";
         };
         /**
+         * DraftAdverb
+         * @description An adverb of a draft; what is left out stays. `style` is true for one that is added.
+         */
+        DraftAdverb: {
+            /**
+             * Description
+             * @default null
+             */
+            description: string | null;
+            /**
+             * Name
+             * @default null
+             */
+            name: string | null;
+            /**
+             * Style
+             * @default null
+             */
+            style: boolean | null;
+            /**
+             * Unit
+             * @default null
+             */
+            unit: string | null;
+        };
+        /**
+         * DraftAnswer
+         * @description One draft.
+         */
+        DraftAnswer: {
+            /** Adverbs */
+            adverbs: components["schemas"]["_DraftAdverb"][];
+            /** Changed At */
+            changed_at: number;
+            /** Clips */
+            clips: components["schemas"]["_DraftClip"][];
+            /**
+             * Created At
+             * @description Seconds since 1970.
+             */
+            created_at: number;
+            /** Description */
+            description: string;
+            /** Effector */
+            effector: string | null;
+            /** Effector Keytime Index */
+            effector_keytime_index: number;
+            /**
+             * Evidence
+             * @description What the proposal rests on, by field.
+             */
+            evidence: {
+                [key: string]: string;
+            };
+            /**
+             * Expires At
+             * @description When the draft is removed, if it is not changed until then.
+             */
+            expires_at: number;
+            /** Forward Axis */
+            forward_axis: string;
+            /** Id */
+            id: string;
+            /** Joints */
+            joints: string[];
+            /** Keytime Names */
+            keytime_names: string[];
+            /**
+             * Left Out Mean
+             * @description Mean of `left_out`, degrees.
+             */
+            left_out_mean: number | null;
+            /** Looping */
+            looping: boolean;
+            /** Measure */
+            measure: string;
+            /**
+             * Measures
+             * @description Measures that can be proposed.
+             */
+            measures: string[];
+            /**
+             * Motion
+             * @description Changes when the answer of `/motion` does.
+             */
+            motion: string;
+            /**
+             * Name
+             * @description Name of the verb that it becomes.
+             */
+            name: string;
+            /** @description Why they make none. */
+            problem: components["schemas"]["_DraftProblem"] | null;
+            /** Revision */
+            revision: number;
+            /**
+             * Toml
+             * @description The verb.toml.
+             */
+            toml: string;
+            /**
+             * Unit
+             * @description Unit of length of the files.
+             */
+            unit: string;
+            /** Up Axis */
+            up_axis: string;
+            /** @description The verb of the draft; null where its clips make none. */
+            verb: components["schemas"]["VerbAnswer"] | null;
+            /**
+             * Warnings
+             * @description Warnings of the build.
+             */
+            warnings: string[];
+        };
+        /**
+         * DraftChange
+         * @description Changes of a draft; what is left out stays as it is.
+         * @example {
+         *       "clips": {
+         *         "far_left": {
+         *           "excluded": false,
+         *           "keytimes": [
+         *             0,
+         *             1.1,
+         *             2.3
+         *           ]
+         *         }
+         *       }
+         *     }
+         */
+        DraftChange: {
+            /**
+             * Adverbs
+             * @description All adverbs in their order; further rows add style adverbs.
+             * @default null
+             */
+            adverbs: components["schemas"]["DraftAdverb"][] | null;
+            /**
+             * Clips
+             * @description Changes by name of the clip.
+             * @default null
+             */
+            clips: {
+                [key: string]: components["schemas"]["DraftClip"];
+            } | null;
+            /**
+             * Description
+             * @default null
+             */
+            description: string | null;
+            /**
+             * Effector
+             * @default null
+             */
+            effector: string | null;
+            /**
+             * Effector Keytime Index
+             * @default null
+             */
+            effector_keytime_index: number | null;
+            /**
+             * Keytime Names
+             * @default null
+             */
+            keytime_names: string[] | null;
+            /**
+             * Looping
+             * @default null
+             */
+            looping: boolean | null;
+            /**
+             * Measure
+             * @default null
+             */
+            measure: string | null;
+            /**
+             * Name
+             * @default null
+             */
+            name: string | null;
+            /**
+             * Propose
+             * @description Whether keytimes that were not set are proposed again, from those that were.
+             * @default false
+             */
+            propose: boolean;
+        };
+        /**
+         * DraftClip
+         * @description Changes of one clip of a draft.
+         */
+        DraftClip: {
+            /**
+             * Adverbs
+             * @description Values of style adverbs.
+             * @default null
+             */
+            adverbs: {
+                [key: string]: number;
+            } | null;
+            /**
+             * Excluded
+             * @default null
+             */
+            excluded: boolean | null;
+            /**
+             * Keytimes
+             * @description Seconds of the file; null returns to the proposal.
+             * @default null
+             */
+            keytimes: number[] | null;
+            /**
+             * Mends
+             * @default null
+             */
+            mends: components["schemas"]["DraftMend"][] | null;
+        };
+        /**
+         * DraftList
+         * @description Drafts, the last changed first.
+         */
+        DraftList: {
+            /** Drafts */
+            drafts: components["schemas"]["_ListedDraft"][];
+            /**
+             * Limit
+             * @description Largest number of drafts.
+             */
+            limit: number;
+        };
+        /**
+         * DraftMend
+         * @description A mend of a clip: with `index`, one of the listed ones is switched; with `kind`, one is added.
+         */
+        DraftMend: {
+            /**
+             * Apply
+             * @default true
+             */
+            apply: boolean;
+            /**
+             * End
+             * @default null
+             */
+            end: number | null;
+            /**
+             * Index
+             * @default null
+             */
+            index: number | null;
+            /**
+             * Joint
+             * @default null
+             */
+            joint: string | null;
+            /**
+             * Kind
+             * @default null
+             */
+            kind: string | null;
+            /** Options */
+            options?: {
+                [key: string]: number;
+            };
+            /**
+             * Start
+             * @default null
+             */
+            start: number | null;
+        };
+        /**
+         * DraftPublication
+         * @description Options of a publication.
+         */
+        DraftPublication: {
+            /**
+             * Name
+             * @description Name of the verb. Default: of the draft.
+             * @default null
+             */
+            name: string | null;
+        };
+        /**
          * Drain
          * @description The server is shutting down.
          */
@@ -592,6 +1034,57 @@ export interface components {
              * @enum {string}
              */
             op: "events";
+        };
+        /**
+         * ExampleAnswer
+         * @description The version that an added example created.
+         */
+        ExampleAnswer: {
+            /**
+             * Author
+             * @description Client or refinement that published it.
+             */
+            author: string;
+            /** Bytes */
+            bytes: number;
+            /**
+             * Created At
+             * @description Seconds since 1970.
+             */
+            created_at: number;
+            /**
+             * Current
+             * @description Whether this version is served.
+             */
+            current: boolean;
+            example: components["schemas"]["_AddedExample"];
+            /**
+             * Parent
+             * @description The version that it was refined from.
+             */
+            parent: number | null;
+            /** Quality */
+            quality: {
+                [key: string]: unknown;
+            };
+            /** Reason */
+            reason: string;
+            /** Sha256 */
+            sha256: string;
+            /**
+             * Source
+             * @description Whether its source is stored, to which an example can be added.
+             */
+            source: boolean;
+            /** Verb */
+            verb: string;
+            /** Version */
+            version: number;
+            /**
+             * Warnings
+             * @description Warnings of the build.
+             */
+            warnings: string[];
         };
         /** HTTPValidationError */
         HTTPValidationError: {
@@ -1636,6 +2129,11 @@ export interface components {
             reason: string;
             /** Sha256 */
             sha256: string;
+            /**
+             * Source
+             * @description Whether its source is stored, to which an example can be added.
+             */
+            source: boolean;
             /** Verb */
             verb: string;
             /** Version */
@@ -1791,6 +2289,11 @@ export interface components {
             reason: string;
             /** Sha256 */
             sha256: string;
+            /**
+             * Source
+             * @description Whether its source is stored, to which an example can be added.
+             */
+            source: boolean;
             /** Verb */
             verb: string;
             /** Version */
@@ -1839,6 +2342,28 @@ export interface components {
              * @default null
              */
             z: number | null;
+        };
+        /** _AddedExample */
+        _AddedExample: {
+            /**
+             * Adverbs
+             * @description As measured.
+             */
+            adverbs: {
+                [key: string]: number;
+            };
+            /**
+             * Confidence
+             * @description Of each keytime, 0 to 1; 1 where it was given.
+             */
+            confidence: number[];
+            /**
+             * Keytimes
+             * @description Seconds of the file.
+             */
+            keytimes: number[];
+            /** Name */
+            name: string;
         };
         /** _Adverb */
         _Adverb: {
@@ -1905,6 +2430,117 @@ export interface components {
             /** Text */
             text: string;
         };
+        /** _DraftAdverb */
+        _DraftAdverb: {
+            /** Description */
+            description: string;
+            /** Name */
+            name: string;
+            /** Style */
+            style: boolean;
+            /** Unit */
+            unit: string;
+        };
+        /** _DraftClip */
+        _DraftClip: {
+            /** Adverbs */
+            adverbs: {
+                [key: string]: number;
+            } | null;
+            /**
+             * Animation
+             * @description Name of the animation, of a file with several.
+             */
+            animation: string;
+            /** Confidence */
+            confidence: number[] | null;
+            /** Duration */
+            duration: number | null;
+            /**
+             * End
+             * @description Latest keytime that is possible.
+             */
+            end: number | null;
+            /** Evidence */
+            evidence: string[] | null;
+            /** Excluded */
+            excluded: boolean;
+            /** File */
+            file: string;
+            /** Fps */
+            fps: number | null;
+            /** Frames */
+            frames: number | null;
+            /** Keytimes */
+            keytimes: number[] | null;
+            /**
+             * Left Out
+             * @description Mean joint angle between the clip and its prediction from the others, degrees.
+             */
+            left_out: number | null;
+            /** Mends */
+            mends: components["schemas"]["_DraftMend"][];
+            /** Name */
+            name: string;
+            /**
+             * Problem
+             * @description Why it cannot be used, and what to do.
+             */
+            problem: string;
+            /** Readable */
+            readable: boolean;
+            /**
+             * Reason
+             * @description Why it is excluded, or included by hand.
+             */
+            reason: string;
+            /**
+             * Set
+             * @description Whether the keytimes were given.
+             */
+            set: boolean;
+            /**
+             * Start
+             * @description Earliest keytime that is possible, seconds of the file.
+             */
+            start: number | null;
+            /** Warnings */
+            warnings: string[];
+        };
+        /** _DraftMend */
+        _DraftMend: {
+            /** Apply */
+            apply: boolean;
+            /** End */
+            end: number | null;
+            /** Index */
+            index: number;
+            /** Joint */
+            joint: string | null;
+            /** Kind */
+            kind: string;
+            /** Options */
+            options: {
+                [key: string]: number;
+            };
+            /**
+             * Start
+             * @description Seconds of the file.
+             */
+            start: number | null;
+            /**
+             * Text
+             * @description What was found, and what the mend does.
+             */
+            text: string;
+        };
+        /** _DraftProblem */
+        _DraftProblem: {
+            /** Code */
+            code: string;
+            /** Detail */
+            detail: string;
+        };
         /** _Event */
         _Event: {
             /** Name */
@@ -1952,6 +2588,47 @@ export interface components {
              * @description Share of canonical time in contact, mean over examples, 0 to 1.
              */
             share: number;
+        };
+        /** _ListedDraft */
+        _ListedDraft: {
+            /**
+             * Built
+             * @description Whether the clips make a verb.
+             */
+            built: boolean;
+            /** Bytes */
+            bytes: number;
+            /** Changed At */
+            changed_at: number;
+            /**
+             * Clips
+             * @description Clips in the verb.
+             */
+            clips: number;
+            /**
+             * Created At
+             * @description Seconds since 1970.
+             */
+            created_at: number;
+            /**
+             * Excluded
+             * @description All others.
+             */
+            excluded: number;
+            /**
+             * Expires At
+             * @description When the draft is removed, if it is not changed until then.
+             */
+            expires_at: number;
+            /** Id */
+            id: string;
+            /**
+             * Name
+             * @description Name of the verb that it becomes.
+             */
+            name: string;
+            /** Revision */
+            revision: number;
         };
         /** _Measure */
         _Measure: {
@@ -2146,6 +2823,857 @@ export interface operations {
                 };
             };
             /** @description Not ready */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    list_drafts: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DraftList"];
+                };
+            };
+            /** @description Read-only server */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Store unavailable; not ready */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    create_draft: {
+        parameters: {
+            query?: {
+                /** @description Name of the verb. Default: of the folder. */
+                name?: string | null;
+                effector?: string | null;
+                measure?: string | null;
+                unit?: string | null;
+                /** @description Style adverbs from file names, as of `adverb init`. */
+                pattern?: string | null;
+                /** @description Keytimes of a clip: `FILE@0,1.2,2.4`, seconds. */
+                annotated?: string[] | null;
+                /** @description Names, separated by commas. */
+                keytime_names?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/octet-stream": string;
+                "application/zip": string;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DraftAnswer"];
+                };
+            };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server; too many drafts */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Body too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unsupported media type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Invalid upload; bad request */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Store unavailable; not ready; overloaded */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    get_draft: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a draft, as `GET /v1/drafts` lists them. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DraftAnswer"];
+                };
+            };
+            /** @description Not modified */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description Unknown draft */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Validation Error */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Store unavailable; not ready */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    delete_draft: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a draft, as `GET /v1/drafts` lists them. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown draft */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Revision changed */
+            412: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Bad request */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Store unavailable; not ready */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    change_draft: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a draft, as `GET /v1/drafts` lists them. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DraftChange"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DraftAnswer"];
+                };
+            };
+            /** @description Malformed body */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown draft */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Revision changed */
+            412: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Body too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unsupported media type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Bad request; invalid draft; invalid upload; invalid request */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Store unavailable; not ready; overloaded */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    draft_motion: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a draft, as `GET /v1/drafts` lists them. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/octet-stream": string;
+                };
+            };
+            /** @description Not modified */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description Unknown draft */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Validation Error */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Store unavailable; not ready */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    draft_pose: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a draft, as `GET /v1/drafts` lists them. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PoseRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PoseAnswer"];
+                    "application/octet-stream": string;
+                };
+            };
+            /** @description Malformed body */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown draft */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not acceptable */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server; draft not built */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Body too large; batch too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unsupported media type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Invalid request; bad request */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not ready; overloaded; store unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    publish_draft: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a draft, as `GET /v1/drafts` lists them. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DraftPublication"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["UploadAnswer"];
+                };
+            };
+            /** @description Malformed body */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown draft */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server; draft not built */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Revision changed */
+            412: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Body too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unsupported media type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Bad request; invalid draft; invalid upload; invalid request */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Store unavailable; not ready; overloaded */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    draft_sequence: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a draft, as `GET /v1/drafts` lists them. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["SequenceRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["SequenceAnswer"];
+                    "application/octet-stream": string;
+                };
+            };
+            /** @description Malformed body */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown draft */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not acceptable */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server; draft not built */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Body too large; batch too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unsupported media type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Invalid request; bad request */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not ready; overloaded; store unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2710,6 +4238,121 @@ export interface operations {
                 };
             };
             /** @description Store unavailable; not ready */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    add_example: {
+        parameters: {
+            query: {
+                /** @description Name of the motion file. */
+                file: string;
+                /** @description Seconds, separated by commas. Default: proposed. */
+                keytimes?: string | null;
+                /** @description Value of a style adverb, `NAME:VALUE`; one for each. */
+                style?: string[] | null;
+            };
+            header?: never;
+            path: {
+                /** @description Name of a verb, as `GET /v1/verbs` lists them. */
+                verb: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/octet-stream": string;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ExampleAnswer"];
+                };
+            };
+            /** @description Foreign origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown verb */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description No source; read-only server */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Version conflict */
+            412: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Body too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unsupported media type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Invalid draft; bad request; invalid upload */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not ready; store unavailable; overloaded */
             503: {
                 headers: {
                     [name: string]: unknown;

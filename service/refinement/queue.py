@@ -95,7 +95,7 @@ class Refinements:
             enqueue(client, job)
         return job
 
-    def cancel(self, id: str, *, author: str = "") -> Job:
+    def cancel(self, id: str, *, author: str) -> Job:
         """Cancel a job: immediately if it is queued, else before its next step. An ended job is unchanged.
 
         Raises :class:`UnknownJob` or :class:`StoreUnavailable`.
@@ -103,9 +103,8 @@ class Refinements:
         job = self._store.job(id)
         if job.state in ENDED:
             return job
-        by = f" by {author}" if author else ""
         try:
-            cancelled = self._store.update_job(id, state="cancelled", detail=f"cancelled{by}")
+            cancelled = self._store.cancel_job(id, detail=f"cancelled by {author}", author=author)
         except JobEnded:  # it ended meanwhile
             return self._store.job(id)
         if job.state == "queued":
@@ -144,7 +143,7 @@ class Refinements:
             id=uuid.uuid4().hex, verb=verb, state="queued", request=spec.to_json() | {"author": author}, progress={},
             reaps=0, version_before=number, version_after=None, detail="", created_at_s=now_s, updated_at_s=now_s,
         )  # fmt: skip
-        self._store.add_job(job)
+        self._store.add_job(job, author=author)
         return job
 
     def _refuse_second(self, verb: str, new: Job | None = None) -> None:

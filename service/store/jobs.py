@@ -10,6 +10,7 @@ from sqlalchemy import Connection, Row, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.store import tables
+from service.store.ledger import Change, Ledger
 from service.store.records import (
     ENDED,
     STATES,
@@ -42,8 +43,8 @@ class Jobs:
     def __init__(self, database: Database, clock: Callable[[], float]) -> None:
         self._database, self._clock = database, clock
 
-    def add(self, job: Job) -> None:
-        """Add a job; raises :class:`JobExists` if its id is taken."""
+    def add(self, job: Job, *, author: str | None = None) -> None:
+        """Add a job, with an event where an author is given; raises :class:`JobExists` if its id is taken."""
         check_verb(job.verb)
         check_text("id", job.id, 200, empty=False)
         values = {name: getattr(job, name) for name in Job.__slots__} | {"request": json_text("request", job.request)}
@@ -51,6 +52,8 @@ class Jobs:
         try:
             with self._database.transaction(writes=True) as connection:
                 connection.execute(insert(tables.jobs).values(values))
+                if author is not None:
+                    self._add_event(connection, "refine", job, author)
         except IntegrityError as err:
             raise JobExists(job.id) from err
 
@@ -82,6 +85,19 @@ class Jobs:
         """Change fields of a job; raises :class:`UnknownJob`, or :class:`JobEnded` if its state is final."""
         with self._database.transaction(writes=True) as connection:
             return self.write(connection, id, changes)
+
+    def cancel(self, id: str, *, detail: str, author: str) -> Job:
+        """Cancel a job, with an event; errors as of :meth:`update`."""
+        with self._database.transaction(writes=True) as connection:
+            job = self.write(connection, id, {"state": "cancelled", "detail": detail})
+            self._add_event(connection, "cancel", job, author)
+        return job
+
+    def _add_event(self, connection: Connection, kind: str, job: Job, author: str) -> None:
+        """Record who started or cancelled a job."""
+        check_text("author", author, 200, empty=False)
+        change = Change(author, f"refinement {job.id}", self._clock())
+        Ledger(self._database, connection, job.verb).add_event(kind, job.version_before or 0, change)
 
     def write(self, connection: Connection, id: str, changes: Mapping[str, Any]) -> Job:
         """Change fields of a job in the caller's transaction."""

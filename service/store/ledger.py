@@ -15,7 +15,7 @@ from service.store.blobs import Blob
 from service.store.records import Conflict, Event, UnknownVerb, UnknownVersion, Version
 from service.store.tables import Database
 
-__all__ = ["Change", "Ledger", "kept_detail", "select_versions"]
+__all__ = ["Change", "Ledger", "kept_detail", "select_events", "select_versions"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,10 +156,15 @@ class Ledger:
 
     def history(self, limit: int) -> list[Event]:
         """The newest events, newest last."""
+        return [event for _, event in select_events(self._connection, limit=limit, verb=self.verb)][::-1]
+
+    def _deleted_before(self, at_s: float) -> bool:
+        """Whether the last change of the current version was a deletion before a time."""
+        kinds = ("publish", "activate", "delete")
         table = tables.events
-        columns = [table.c[name] for name in Event.__slots__]
-        query = select(*columns).where(table.c.verb == self.verb).order_by(table.c.id.desc()).limit(limit)
-        return [Event(*row) for row in self._connection.execute(query)][::-1]
+        query = select(table.c.kind, table.c.at_s).where(table.c.verb == self.verb, table.c.kind.in_(kinds))
+        last = self._connection.execute(query.order_by(table.c.id.desc()).limit(1)).one_or_none()
+        return last is not None and last.kind == "delete" and last.at_s < at_s
 
     def check_exists(self) -> None:
         """Raise :class:`UnknownVerb` if the verb was never published."""
@@ -184,8 +189,7 @@ class Ledger:
 
     def collect(self, *, keep: int, before_s: float) -> list[int]:
         """Remove old versions; returns their numbers. See :meth:`service.store.store.Store.collect`."""
-        events = self.history(1)
-        if events and events[0].kind == "delete" and events[0].at_s < before_s:
+        if self._deleted_before(before_s):
             keep = 0
         versions, jobs = self.versions(), tables.jobs
         running = select(jobs.c.version_before).where(jobs.c.verb == self.verb, jobs.c.state.in_(("queued", "running")))
@@ -198,6 +202,26 @@ class Ledger:
 
     def _select(self, *where: ColumnElement[bool]) -> list[Version]:
         return select_versions(self._connection, *where)
+
+
+def select_events(
+    connection: Connection,
+    *,
+    limit: int,
+    before: int | None = None,
+    verb: str | None = None,
+    author: str | None = None,
+) -> list[tuple[int, Event]]:
+    """Events with their numbers, newest first; see :meth:`service.store.store.Store.events`."""
+    table = tables.events
+    query = select(table.c.id, *(table.c[name] for name in Event.__slots__)).order_by(table.c.id.desc()).limit(limit)
+    if before is not None:
+        query = query.where(table.c.id < before)
+    if verb is not None:
+        query = query.where(table.c.verb == verb)
+    if author is not None:
+        query = query.where(table.c.author == author)
+    return [(number, Event(*row)) for number, *row in connection.execute(query)]
 
 
 def select_versions(connection: Connection, *where: ColumnElement[bool]) -> list[Version]:

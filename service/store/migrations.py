@@ -8,7 +8,7 @@ from sqlalchemy import Connection, text
 
 __all__ = ["LAYOUT", "upgrade"]
 
-LAYOUT = 3
+LAYOUT = 4
 """Layout of the tables that this code reads and writes. A database with a newer one is refused."""
 
 _RENAMED_IN_2 = (
@@ -25,7 +25,7 @@ def upgrade(connection: Connection, layout: int) -> None:
     """Bring tables of an older layout to :data:`LAYOUT`, in the caller's transaction and under its lock."""
     if layout < 2:
         _to_layout_2(connection)
-    if layout < 3:  # the table of drafts is new, and is made with all missing ones
+    if layout < 3:  # the table of drafts is new, and is made with all missing ones, as is that of keys in layout 4
         connection.execute(text("ALTER TABLE adverb_versions ADD COLUMN source_sha256 VARCHAR(64)"))
     connection.execute(text("UPDATE adverb_layout SET number = :number"), {"number": LAYOUT})
 

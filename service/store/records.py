@@ -11,6 +11,8 @@
     ├── JobExists          a refinement job with this id exists (id)
     ├── JobEnded           the job has ended, and its state is final (id, state)
     ├── UnknownDraft       no draft has this id (id)
+    ├── UnknownKey         no key has this id (id)
+    ├── TooManyKeys        the limit of keys is reached (limit)
     ├── DraftChanged       the draft has another revision than expected (id, expected, found)
     ├── TooManyDrafts      the limit of drafts or of their bytes is reached (limit)
     ├── Conflict           another version is current than expected (verb, expected, found)
@@ -40,11 +42,14 @@ __all__ = [
     "Job",
     "JobEnded",
     "JobExists",
+    "Key",
     "StoreError",
     "StoreUnavailable",
     "TooManyDrafts",
+    "TooManyKeys",
     "UnknownDraft",
     "UnknownJob",
+    "UnknownKey",
     "UnknownVerb",
     "UnknownVersion",
     "Version",
@@ -110,9 +115,9 @@ class Event:
     ----------
     verb : str
     kind : str
-        ``"publish"``, ``"activate"`` or ``"delete"``.
+        ``"publish"``, ``"activate"``, ``"delete"``, ``"refine"`` or ``"cancel"``.
     number : int
-        Version that was published or activated, or was current before the verb was deleted.
+        Version that was published or activated, that is refined, or that was current before the verb was deleted.
     current : int or None
         Current version after the change; None if the verb is not served.
     author, reason : str
@@ -128,6 +133,36 @@ class Event:
     author: str
     reason: str
     at_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """An API key; the key itself is not stored.
+
+    Parameters
+    ----------
+    id : str
+        16 hexadecimal digits; public.
+    name : str
+    scopes : frozenset of str
+    sha256 : str
+        Hash of the key, 64 hexadecimal digits.
+    created_at_s : float
+        Seconds since 1970, UTC.
+    expires_at_s, revoked_at_s : float or None
+    """
+
+    id: str
+    name: str
+    scopes: frozenset[str]
+    sha256: str
+    created_at_s: float
+    expires_at_s: float | None = None
+    revoked_at_s: float | None = None
+
+    def valid_at(self, now_s: float) -> bool:
+        """Whether the key is neither revoked nor expired."""
+        return self.revoked_at_s is None and (self.expires_at_s is None or now_s < self.expires_at_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,6 +324,22 @@ class TooManyDrafts(StoreError):
     def __init__(self, limit: int, what: str) -> None:
         self.limit = limit
         super().__init__(f"the store may hold {limit} {what}; publish and delete some, or raise the limit")
+
+
+class UnknownKey(StoreError):
+    """No key has this ``id``."""
+
+    def __init__(self, id: str) -> None:
+        self.id = id
+        super().__init__(f"unknown key '{id:.64}'; `adverb keys list` shows the existing ones")
+
+
+class TooManyKeys(StoreError):
+    """The limit of keys is reached."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        super().__init__(f"the store may hold {limit} keys that are neither revoked nor expired; revoke some")
 
 
 class Conflict(StoreError):

@@ -19,7 +19,8 @@ from service.store import tables
 from service.store.blobs import Blobs, open_blobs
 from service.store.drafts import Drafts, put_all, used_blobs
 from service.store.jobs import Jobs, UsageTable
-from service.store.ledger import Change, Ledger, kept_detail, select_versions
+from service.store.keys import Keys
+from service.store.ledger import Change, Ledger, kept_detail, select_events, select_versions
 from service.store.notices import notices
 from service.store.records import (
     ArtifactMissing,
@@ -82,7 +83,7 @@ class Store:
     def __init__(self, database: Database, blobs: Blobs, *, clock: Callable[[], float] = time.time) -> None:
         self._database, self._blobs, self._clock = database, blobs, clock
         self._jobs, self._usage = Jobs(database, clock), UsageTable(database)
-        self.drafts = Drafts(database, blobs, clock)
+        self.drafts, self.keys = Drafts(database, blobs, clock), Keys(database, clock)
 
     @classmethod
     def open(
@@ -152,6 +153,13 @@ class Store:
         """One version; raises :class:`UnknownVerb` or :class:`UnknownVersion`."""
         with self._database.transaction() as connection:
             return Ledger(self._database, connection, verb).version(number)
+
+    def events(
+        self, *, limit: int, before: int | None = None, verb: str | None = None, author: str | None = None
+    ) -> list[tuple[int, Event]]:
+        """Events with their numbers, newest first; optionally of one verb, of one author, or before a number."""
+        with self._database.transaction() as connection:
+            return select_events(connection, limit=limit, before=before, verb=verb, author=author)
 
     def history(self, verb: str, *, limit: int = 1000) -> list[Event]:
         """Events of a verb, newest last; raises :class:`UnknownVerb`."""
@@ -366,9 +374,9 @@ class Store:
         """Usage cells of each server that stored some since a time, newest first."""
         return self._usage.since(verb, not_before_s=not_before_s)
 
-    def add_job(self, job: Job) -> None:
-        """Add a refinement job; raises :class:`JobExists` or :class:`InvalidValue`."""
-        self._jobs.add(job)
+    def add_job(self, job: Job, *, author: str | None = None) -> None:
+        """Add a refinement job, with an event where an author is given; raises JobExists or :class:`InvalidValue`."""
+        self._jobs.add(job, author=author)
 
     def job(self, id: str) -> Job:
         """Get a refinement job; raises :class:`UnknownJob`."""
@@ -389,6 +397,10 @@ class Store:
         first final state of a job stays.
         """
         return self._jobs.update(id, changes)
+
+    def cancel_job(self, id: str, *, detail: str, author: str) -> Job:
+        """Cancel a job, with an event; errors as of :meth:`update_job`."""
+        return self._jobs.cancel(id, detail=detail, author=author)
 
     def count_reap(self, id: str) -> int:
         """Increment the number of times that a job was taken over, and return it; raises :class:`UnknownJob`."""

@@ -37,7 +37,7 @@ from sqlalchemy.engine import URL
 from service.store.migrations import LAYOUT, upgrade
 from service.store.records import BadAddress, StoreError, StoreUnavailable
 
-__all__ = ["Database", "drafts", "events", "jobs", "pointers", "traffic", "verbs", "versions"]
+__all__ = ["Database", "drafts", "events", "jobs", "keys", "pointers", "traffic", "verbs", "versions"]
 
 CONNECTIONS = 4
 """Largest number of connections of a store, besides one for notices."""
@@ -45,6 +45,7 @@ CONNECTIONS = 4
 _SETTING_UP = 0x41645631  # keys of advisory locks
 _PUBLISHING = 0x41645632
 _ADDING_DRAFTS = 0x41645633
+_CHANGING_KEYS = 0x41645634
 
 metadata = MetaData()
 
@@ -136,6 +137,19 @@ drafts = Table(
     Column("changed_at_s", Double, nullable=False, index=True),
 )
 
+keys = Table(
+    "adverb_keys",
+    metadata,
+    Column("id", String(16), primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("scopes", Text, nullable=False),  # separated by blanks
+    Column("sha256", String(64), nullable=False),
+    Column("created_at_s", Double, nullable=False),
+    Column("expires_at_s", Double),
+    Column("revoked_at_s", Double),
+    Column("revision", Integer, nullable=False, index=True),  # rises with each change of any key
+)
+
 
 class Database:
     """A database with a small connection pool; connection failures raise :class:`StoreUnavailable`.
@@ -208,6 +222,11 @@ class Database:
         """Until the transaction ends, prevent others from adding drafts, so that their number can be bounded."""
         if not self.sqlite:
             connection.execute(select(func.pg_advisory_xact_lock(_ADDING_DRAFTS)))
+
+    def lock_keys(self, connection: Connection) -> None:
+        """Until the transaction ends, prevent others from changing keys, so that revisions rise in order."""
+        if not self.sqlite:
+            connection.execute(select(func.pg_advisory_xact_lock(_CHANGING_KEYS)))
 
     def notify(self, connection: Connection, verb: str) -> None:
         """Notify servers, when the transaction is committed, that the current version of a verb changed."""

@@ -84,7 +84,7 @@ def test_job_that_publishes_while_it_is_being_cancelled_stays_published(jobs: Qu
         return found
 
     monkeypatch.setattr(jobs.store, "job", read_before_the_last_step)
-    found = jobs.queue.cancel(job.id)
+    found = jobs.queue.cancel(job.id, author="me")
     assert (found.state, found.version_after, found.detail) == ("published", 2, "better")
 
 
@@ -96,7 +96,7 @@ def test_unknown_verbs_versions_and_parameters_are_refused(jobs: QueueFixture):
     with pytest.raises(OutOfRange):
         jobs.queue.start("arm3", None, {"max_pseudo": -1}, "me")
     with pytest.raises(UnknownJob):
-        jobs.queue.cancel("nothing")
+        jobs.queue.cancel("nothing", author="me")
     assert jobs.queue.jobs() == []
 
 
@@ -125,7 +125,7 @@ def test_job_that_failed_while_the_store_was_away_is_marked(jobs: QueueFixture):
 
 def test_steps_of_old_jobs_are_removed(jobs: QueueFixture):
     job = jobs.queue.start("arm3", None, {}, "me")
-    jobs.queue.cancel(job.id)
+    jobs.queue.cancel(job.id, author="me")
     jobs.now_s = 0.0 + KEPT_S
     assert jobs.reaper.remove_old() == 0
     jobs.now_s = 4e9

@@ -165,7 +165,7 @@ def test_a_deleted_or_already_refined_verb_is_not_refined(make_fixture, arm):
     fixture.record(arm, MIN_ANSWERS, 0.5)
     fixture.run_once()
     assert fixture.store.jobs() == [mine]
-    fixture.refinements.cancel(mine.id)
+    fixture.refinements.cancel(mine.id, author="me")
     fixture.store.delete("arm3", author="me", reason="test")
     fixture.run_once(later_s=REST_S)
     assert len(fixture.store.jobs()) == 1

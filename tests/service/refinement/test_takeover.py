@@ -102,7 +102,7 @@ def test_cancelled_job_ends_within_a_step(cluster: Cluster):
     assert (row.state, row.detail) == ("cancelled", "cancelled by me")
     assert len(cluster.store.versions(name)) == 1
     again = cluster.queue.start(name, None, LONG, "test")
-    cluster.queue.cancel(again.id)
+    cluster.queue.cancel(again.id, author="me")
 
 
 def test_job_that_loses_three_workers_is_given_up(cluster: Cluster):

@@ -13,9 +13,10 @@ from starlette.middleware.cors import CORSMiddleware
 from service import errors
 from service.catalog.catalog import Catalog
 from service.http import openapi
+from service.http.authentication import Authenticate
 from service.http.guard import Guard, allowed_names
 from service.http.middleware import BodyLimit, Observe
-from service.http.routes import drafts, examples, health, pages, poses, quality, refinements, verbs, versions
+from service.http.routes import audit, drafts, examples, health, pages, poses, quality, refinements, verbs, versions
 from service.settings import Settings, origins_of
 from service.state import ServerState, Supervise
 from service.stream import endpoint
@@ -61,6 +62,9 @@ def create_app(
             Middleware(Observe, metrics=state.metrics),
             *([_cors(origins)] if origins else []),
             Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts), origins=origins),
+            Middleware(
+                Authenticate, access=state.access, open_metrics=settings.open_metrics, open_docs=settings.open_docs
+            ),
             Middleware(BodyLimit, limit=settings.max_body_bytes, upload_limit=settings.max_upload_bytes),
         ],
     )
@@ -68,10 +72,10 @@ def create_app(
     # Not include_router: it nests, and asking five routers for their match takes as long as blending the pose.
     routers = (
         *(poses.router, verbs.router, quality.router, versions.router, refinements.router),
-        *(drafts.router, examples.router, health.router, pages.router),
+        *(drafts.router, examples.router, audit.router, health.router, pages.router),
     )
     app.router.routes[:0] = [route for router in routers for route in router.routes]
-    app.router.routes.insert(0, endpoint.route(state.hub))
+    app.router.routes.insert(0, endpoint.route(state.hub, state.access))
     errors.install(app)
     openapi.install(app)
     return app

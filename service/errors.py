@@ -5,6 +5,8 @@ Every problem has a stable ``code``; ``type`` links to its description in ``/doc
     ServiceError
     ├── UnknownHost        the ``Host`` of the request is not a name of this server
     ├── ForeignOrigin      a browser sent the request for a page of another site
+    ├── Unauthenticated    the request has no key, or none that is valid
+    ├── MissingScope       the key does not have the scope that the request needs
     ├── NotReady           verbs are still being loaded
     ├── Overloaded         the queue of long calls is full
     ├── BodyTooLarge       the body is longer than the limit
@@ -62,6 +64,7 @@ __all__ = [
     "DraftNotBuilt",
     "ForeignOrigin",
     "InvalidDraft",
+    "MissingScope",
     "NoSource",
     "NotAcceptable",
     "NotReady",
@@ -72,6 +75,7 @@ __all__ = [
     "StoreUnavailable",
     "TooManyChannels",
     "TooManyDrafts",
+    "Unauthenticated",
     "UnknownChannel",
     "UnknownDraft",
     "UnknownHost",
@@ -106,6 +110,14 @@ class UnknownHost(ServiceError):
 
 class ForeignOrigin(ServiceError):
     """A browser sent the request for a page of another site."""
+
+
+class Unauthenticated(ServiceError):
+    """The request has no key, or none that is valid."""
+
+
+class MissingScope(ServiceError):
+    """The key does not have the scope that the request needs."""
 
 
 class NotReady(ServiceError):
@@ -220,6 +232,8 @@ PROBLEMS: dict[str, Problem] = {
     row.code: row
     for row in (
         Problem(400, "malformed_body", "Malformed body", "Send valid JSON (UTF-8), or whole rows of float32."),
+        Problem(401, "unauthenticated", "Unauthenticated", "Send `Authorization: Bearer KEY` with a valid key."),
+        Problem(403, "missing_scope", "Missing scope", "Use a key with the scope in `scope`."),
         Problem(403, "foreign_origin", "Foreign origin", "Pages of other sites cannot use this server."),
         Problem(404, "unknown_verb", "Unknown verb", _UNKNOWN),
         Problem(404, "unknown_version", "Unknown version", _UNKNOWN),
@@ -267,6 +281,8 @@ PROBLEMS: dict[str, Problem] = {
 _SERVICE_CODES: dict[type[ServiceError], str] = {
     UnknownHost: "unknown_host",
     ForeignOrigin: "foreign_origin",
+    Unauthenticated: "unauthenticated",
+    MissingScope: "missing_scope",
     NotReady: "not_ready",
     Overloaded: "overloaded",
     BodyTooLarge: "body_too_large",

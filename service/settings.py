@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ipaddress
+import socket
 from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlsplit
@@ -12,6 +14,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 __all__ = ["Settings", "origins_of"]
 
 LogLevel = Literal["debug", "info", "warning", "error"]
+KeysMode = Literal["auto", "required", "off"]
 
 
 def origins_of(listed: str) -> frozenset[str]:
@@ -62,6 +65,15 @@ class Settings(BaseSettings):
         assert self.data is not None  # callers check it
         return self.artifact_url or str(self.data.resolve() / "artifacts")
 
+    @property
+    def public(self) -> bool:
+        """Whether other machines can reach a server that listens on the host; true where it is not known."""
+        try:
+            found = socket.getaddrinfo(self.host, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        except OSError:
+            return True
+        return not all(ipaddress.ip_address(str(row[4][0]).partition("%")[0]).is_loopback for row in found)
+
     model_config = SettingsConfigDict(env_prefix="ADVERB_", extra="ignore", frozen=True, env_ignore_empty=True)
 
     host: Annotated[str, Field(min_length=1, max_length=253, description="Address to listen on.")] = "127.0.0.1"
@@ -76,8 +88,30 @@ class Settings(BaseSettings):
     ] = 1
     allow_public: Annotated[
         bool,
-        Field(description="Allow a public address without authentication: anyone who can reach the server can use it."),
+        Field(description="Allow a public address without keys: anyone who can reach the server can use it."),
     ] = False
+    keys: Annotated[
+        KeysMode,
+        Field(
+            description="Whether requests need an API key. auto: as soon as a key exists, tokens are configured, or "
+            "other machines can reach the server; required; off."
+        ),
+    ] = "auto"
+    open_metrics: Annotated[bool, Field(description="Answer `/metrics` without a key.")] = False
+    open_docs: Annotated[bool, Field(description="Answer `/docs` and `/openapi.json` without a key.")] = False
+    jwt_jwks: Annotated[
+        str | None,
+        Field(
+            min_length=1,
+            max_length=2_000,
+            description="File or URL of the JSON Web Key Set of an issuer whose tokens are accepted beside keys.",
+        ),
+    ] = None
+    jwt_issuer: Annotated[str | None, Field(max_length=2_000, description="Required claim `iss` of tokens.")] = None
+    jwt_audience: Annotated[str | None, Field(max_length=2_000, description="Required claim `aud` of tokens.")] = None
+    jwt_scope_claim: Annotated[
+        str, Field(min_length=1, max_length=200, description="Claim of tokens with their scopes.")
+    ] = "scope"
     allowed_hosts: Annotated[
         str,
         Field(

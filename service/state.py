@@ -12,6 +12,7 @@ import numpy as np
 import structlog
 
 from service import packing
+from service.access.access import Access
 from service.catalog import catalog as catalogs
 from service.catalog.catalog import Catalog, Entry
 from service.catalog.store_sync import StoreSync, load_with_retry
@@ -60,6 +61,8 @@ class ServerState:
         Threads for long evaluations.
     catalog : Catalog or None
         The served verbs; None until they are loaded.
+    access : Access
+        Who may use the server.
     version_cache : VersionCache
         Versions that are not current.
     usage : Usage
@@ -88,6 +91,7 @@ class ServerState:
         self.catalog: Catalog | None = None
         self.version_cache = VersionCache()
         self.usage = Usage(MAX_RECORDED if settings.data is not None else 0)
+        self.access = Access(settings, public=settings.public)
         self.hub = Hub(settings, self.metrics, self.current, self.usage)
         self.ready = anyio.Event()
         self.store_sync: StoreSync | None = None
@@ -152,6 +156,7 @@ class ServerState:
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(sync.follow())
+                group.create_task(self.access.follow())
                 group.create_task(scheduler.run())
                 if self._supervise is not None:
                     group.create_task(self._supervise(self.settings))
@@ -172,6 +177,7 @@ class ServerState:
             sync = StoreSync(store, settings.data, current=self.current, set_catalog=self.set_catalog)
             uploads = Uploads(settings.data / "uploads", self._builder, sync)
             drafts = Drafts(uploads.folder, self._builder, sync, settings)
+            self.access.load(store.keys)
             loaded = sync.load()
         except BaseException:
             store.close()

@@ -1,36 +1,25 @@
-"""The command ``adverb`` with everything in it: the library's commands and ``serve``."""
+"""Commands ``serve`` and ``worker``."""
 
 from __future__ import annotations
 
 import os
 import platform
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 
+from service.cli.options import DEFAULT_DATA, USER_ERROR, settings_of
 from service.run import fork
 from service.run.listener import CannotServe, folder_problem
 from service.settings import Settings
-from verbs import cli
 
-__all__ = ["main"]
-
-USER_ERROR = 1
-
-DEFAULT_DATA = Path("data")
+__all__ = ["serve_command", "worker_command"]
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """Environment variables by which linear algebra libraries take their number of threads."""
 
 
-def main() -> None:
-    """Run the command line."""
-    cli.run(cli.app)
-
-
-@cli.app.command("serve")
 def serve_command(
     host: Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")] = None,
     port: Annotated[int | None, typer.Option(help="Port; 0 takes a free one. [default: 8000]")] = None,
@@ -42,7 +31,7 @@ def serve_command(
     log_json: Annotated[bool | None, typer.Option("--log-json/--log-text", help="Format of log lines.")] = None,
     allow_public: Annotated[
         bool | None,
-        typer.Option("--allow-public", help="Allow a public address without authentication."),
+        typer.Option("--allow-public", help="Allow a public address without keys."),
     ] = None,
 ) -> None:
     """Serve verbs over HTTP.
@@ -51,7 +40,7 @@ def serve_command(
 
     Example: [bold]adverb serve --data verbs --port 8000[/]
     """
-    settings = _settings(
+    settings = settings_of(
         host=host,
         port=port,
         data=data,
@@ -66,7 +55,6 @@ def serve_command(
     _serve(settings)
 
 
-@cli.app.command("worker")
 def worker_command(
     name: Annotated[str | None, typer.Option(help="Name of this worker, the same at every start.")] = None,
     data: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder in which verbs are kept.")] = None,
@@ -77,7 +65,7 @@ def worker_command(
 
     Example: [bold]ADVERB_DATABASE_URL=postgresql://… adverb worker --name worker-1[/]
     """
-    settings = _settings(data=data)
+    settings = settings_of(data=data)
     if settings.data is None:
         settings = settings.model_copy(update={"data": DEFAULT_DATA})
     folder = settings.data
@@ -117,15 +105,4 @@ def _serve(settings: Settings) -> None:
         serve(settings, report=lambda text: typer.echo(text, err=True))
     except CannotServe as err:
         typer.echo(f"error: {err}", err=True)
-        raise typer.Exit(USER_ERROR) from err
-
-
-def _settings(**options: Any) -> Settings:
-    """Settings from the given options; exits with a message for each wrong one."""
-    try:
-        return Settings(**{name: value for name, value in options.items() if value is not None})
-    except ValidationError as err:
-        for row in err.errors():
-            field = str(row["loc"][0]) if row["loc"] else "settings"
-            typer.echo(f"error: ADVERB_{field.upper()} (--{field.replace('_', '-')}): {row['msg']}", err=True)
         raise typer.Exit(USER_ERROR) from err

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from starlette.requests import Request
 
+from service.access.access import CALLER, Caller
 from service.catalog.catalog import Entry
 from service.http.middleware import SCOPE_KEY, Trace
 from service.state import ServerState
 
-__all__ = ["served", "state_of", "trace_of"]
+__all__ = ["caller_of", "served", "state_of", "trace_of"]
 
 
 def state_of(request: Request) -> ServerState:
@@ -21,6 +22,12 @@ def trace_of(request: Request) -> Trace:
     """Fields that are logged and counted with a request."""
     trace: Trace = request.scope[SCOPE_KEY]
     return trace
+
+
+def caller_of(request: Request) -> Caller:
+    """Who sent a request."""
+    caller: Caller = request.scope[CALLER]
+    return caller
 
 
 def served(request: Request, name: str) -> tuple[ServerState, Entry]:

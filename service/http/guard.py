@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.errors import ForeignOrigin, ServiceError, UnknownHost, response_of
 
-__all__ = ["Guard", "allowed_names"]
+__all__ = ["Guard", "allowed_names", "refuse"]
 
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
@@ -71,7 +71,7 @@ class Guard:
         try:
             self._check(scope, changes=kind == "websocket" or scope["method"] not in SAFE)
         except ServiceError as err:
-            await _refuse(err, scope, receive, send)
+            await refuse(err, scope, receive, send)
             return
         await self.app(scope, receive, send)
 
@@ -143,8 +143,8 @@ def _is_address(name: str) -> bool:
     return True
 
 
-async def _refuse(err: ServiceError, scope: Scope, receive: Receive, send: Send) -> None:
-    """Answer with the problem; a WebSocket handshake gets status 403 in place of 101."""
+async def refuse(err: ServiceError, scope: Scope, receive: Receive, send: Send) -> None:
+    """Answer with the problem; a WebSocket handshake gets its status in place of 101."""
     if scope["type"] == "http":
         await response_of(err)(scope, receive, send)
         return

@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
+from service.access import scopes
 from service.http import draft_models, request_models, response_models
 from service.http.documented import problems
 from service.stream import messages
@@ -20,6 +21,8 @@ DESCRIPTION = (
     "Example motions in, any motion in between out, with its measured error. Right-handed, +Y up, +Z forward, +X left; "
     "metres, seconds, radians; quaternions x, y, z, w. Errors are RFC 9457 problems with a stable `code`."
 )
+
+_KEY = "Needed where a key exists, or other machines can reach the server. `adverb keys create` makes one."
 
 _VALIDATED_BY_HANDLERS = (
     request_models.PoseRequest,
@@ -58,13 +61,28 @@ def _document(app: FastAPI) -> dict[str, Any]:
     )
     for name, schema in definitions["$defs"].items():
         known.setdefault(name, schema)
-    for path in document["paths"].values():
+    known_schemes = document["components"].setdefault("securitySchemes", {})
+    known_schemes["key"] = {"type": "http", "scheme": "bearer", "description": _KEY}
+    for name, path in document["paths"].items():
         for method, operation in path.items():
             _correct(operation)
+            _secure(operation, scopes.needed(method.upper(), name))
             guarded = ("unknown_host",) if method == "get" else ("unknown_host", "foreign_origin")
             for status, response in problems(*guarded).items():
                 operation["responses"].setdefault(str(status), response)
     return document
+
+
+def _secure(operation: dict[str, Any], needed: str) -> None:
+    """Document the scope that a route needs, where the server requires keys."""
+    if needed == scopes.OPEN:
+        return
+    operation["security"] = [{}, {"key": []}]
+    special = (scopes.ANY, scopes.DOCS, scopes.METRICS)
+    operation["description"] += "\n\nScope: " + (f"`{needed}`." if needed not in special else "any.")
+    codes = ("unauthenticated",) if needed in special else ("unauthenticated", "missing_scope")
+    for status, response in problems(*codes).items():
+        operation["responses"].setdefault(str(status), response)
 
 
 def _correct(operation: dict[str, Any]) -> None:

@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 __all__ = [
+    "AccessAnswer",
+    "AuditAnswer",
     "Live",
     "PoseAnswer",
     "PosesAnswer",
@@ -333,6 +335,36 @@ class RefinementList(BaseModel):
     refinements: list[RefinementAnswer]
 
 
+class AccessAnswer(BaseModel):
+    """The key of a request."""
+
+    required: Annotated[bool, Field(description="Whether the server requires keys.")]
+    id: Annotated[str, Field(description="Id of the key, or subject of the token; empty without.")]
+    name: str
+    scopes: list[str]
+    expires_at: Annotated[float | None, Field(description="Seconds since 1970; null: never.")]
+
+
+class _ChangeOfVerb(BaseModel):
+    id: Annotated[int, Field(description="Number of the change; rises.")]
+    verb: str
+    kind: Annotated[str, Field(description="publish, activate, delete, refine or cancel.")]
+    number: Annotated[
+        int,
+        Field(description="Version that was published, activated, refined, or current before the deletion."),
+    ]
+    current: Annotated[int | None, Field(description="Current version after the change; null: none.")]
+    author: Annotated[str, Field(description="Who made it; `key ID (NAME)` for a key.")]
+    reason: str
+    at: Annotated[float, Field(description="Seconds since 1970.")]
+
+
+class AuditAnswer(BaseModel):
+    """Changes of verbs, the newest first."""
+
+    changes: list[_ChangeOfVerb]
+
+
 class Live(BaseModel):
     """Liveness."""
 
@@ -369,6 +401,7 @@ class ProblemAnswer(BaseModel):
     code: Annotated[str, Field(description="Stable code for programs.")]
     known: Annotated[list[str] | None, Field(description="Names or media types that exist.")] = None
     limit: Annotated[int | None, Field(description="The limit that was exceeded.")] = None
+    scope: Annotated[str | None, Field(description="The scope that the key does not have.")] = None
     errors: Annotated[list[_Mistake] | None, Field(description="Places at which a body does not match its schema.")] = (
         None
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ipaddress
 import socket
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -33,10 +33,11 @@ def listen(settings: Settings) -> socket.socket:
     except OSError as err:
         raise CannotServe(f"the host '{settings.host}' is not known: {err.strerror or err}") from err
     family, _, _, _, address = found[0]
-    if not settings.allow_public and not all(_is_loopback(str(row[4][0])) for row in found):
+    if settings.public and not settings.allow_public and not _has_keys(settings):
         raise CannotServe(
             f"other machines can reach {settings.host}, and there are no keys yet: anyone could use this server; "
-            "to allow that, set --allow-public, or ADVERB_ALLOW_PUBLIC=true"
+            "make a key (adverb keys create --scope pose), or allow that with --allow-public or "
+            "ADVERB_ALLOW_PUBLIC=true"
         )
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -77,5 +78,27 @@ def greeting(
     return [*warnings, f"Adverb is ready on {where} ({what}; docs at /docs)"]
 
 
-def _is_loopback(address: str) -> bool:
-    return ipaddress.ip_address(address.partition("%")[0]).is_loopback
+def _has_keys(settings: Settings) -> bool:
+    """Whether requests to a public address need a key, and one can exist.
+
+    Where the database cannot be reached, every request needs a key until it can.
+    """
+    if settings.keys == "off":
+        return False
+    if settings.keys == "required" or settings.jwt_jwks is not None:
+        return True
+    if settings.data is None and settings.database_url is None:
+        return False
+    from service.store.keys import open_keys  # imported here: it takes time, and most servers are not public
+    from service.store.records import StoreError, StoreUnavailable
+
+    try:
+        store = open_keys(settings.database)
+        try:
+            return any(key.valid_at(time.time()) for key in store.listed())
+        finally:
+            store.close()
+    except StoreUnavailable:
+        return True
+    except StoreError as err:
+        raise CannotServe(str(err)) from err

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from starlette.routing import WebSocketRoute
 from starlette.types import Receive, Scope, Send
 
+from service.access.access import ANYONE, CALLER, Access
 from service.errors import BadMessage
 from service.stream.connection import TOO_SLOW, Connection, DirectConnection, LoopConnection
 from service.stream.hub import Hub
@@ -40,14 +41,14 @@ _FINAL = {1000, 1001}
 """Close codes of a client that does not resume. 1005 is not one: a lost connection has it too."""
 
 
-def route(hub: Hub) -> WebSocketRoute:
+def route(hub: Hub, access: Access) -> WebSocketRoute:
     """The route; its endpoint is plain ASGI, since every layer in between costs time per frame."""
-    return WebSocketRoute("/v1/stream", _Endpoint(hub), name="stream")
+    return WebSocketRoute("/v1/stream", _Endpoint(hub, access), name="stream")
 
 
 class _Endpoint:
-    def __init__(self, hub: Hub) -> None:
-        self._hub = hub
+    def __init__(self, hub: Hub, access: Access) -> None:
+        self._hub, self._access = hub, access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection."""
@@ -85,7 +86,8 @@ class _Endpoint:
             if transport is not None:
                 transport.idle, transport.on_adverbs = reader.idle, reader.aim
             try:
-                await reader.run(receive)
+                with self._access.watching(scope.get(CALLER, ANYONE), connection.end):
+                    await reader.run(receive)
             finally:
                 if transport is not None:
                     transport.on_adverbs = None

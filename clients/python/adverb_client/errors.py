@@ -35,6 +35,9 @@
         ├── TooLarge                see `limit`
         │   ├── BodyTooLarge
         │   └── BatchTooLarge
+        ├── NoAccess                the key does not allow it
+        │   ├── Unauthenticated
+        │   └── MissingScope
         ├── WrongAddress            the server refuses the address or the page
         │   ├── UnknownHost
         │   └── ForeignOrigin
@@ -83,6 +86,8 @@ __all__ = [
     "InvalidRequest",
     "MalformedBody",
     "MethodNotAllowed",
+    "MissingScope",
+    "NoAccess",
     "NoSource",
     "NotAcceptable",
     "NotFound",
@@ -100,6 +105,7 @@ __all__ = [
     "TooManyChannels",
     "TooManyDrafts",
     "TransportError",
+    "Unauthenticated",
     "Unavailable",
     "UnknownAdverb",
     "UnknownChannel",
@@ -234,6 +240,22 @@ class ResponseError(AdverbError):
 
 class UnknownName(ResponseError):
     """The name does not exist; ``known`` lists those that do."""
+
+
+class NoAccess(ResponseError):
+    """The key does not allow the request."""
+
+
+class Unauthenticated(NoAccess):
+    """The request has no key, or none that is valid."""
+
+    code = "unauthenticated"
+
+
+class MissingScope(NoAccess):
+    """The key does not have the scope that the request needs."""
+
+    code = "missing_scope"
 
 
 class WrongAddress(ResponseError):

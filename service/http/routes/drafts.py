@@ -11,7 +11,7 @@ from starlette.responses import FileResponse, Response
 from service import wire
 from service.errors import ReadOnly
 from service.http import evaluation, response_json
-from service.http.context import state_of, trace_of
+from service.http.context import caller_of, state_of, trace_of
 from service.http.documented import EVALUATING, body, forms, problems
 from service.http.draft_models import DraftAnswer, DraftChange, DraftList, DraftPublication
 from service.http.negotiation import (
@@ -27,7 +27,7 @@ from service.http.negotiation import (
 )
 from service.http.request_models import PoseRequest, SequenceRequest
 from service.http.response_models import PoseAnswer, SequenceAnswer, UploadAnswer
-from service.http.routes.versions import AUTHOR, READ_ONLY, version_json
+from service.http.routes.versions import READ_ONLY, version_json
 from service.state import ServerState
 from service.store.records import Draft
 from service.upload.drafts import Drafts
@@ -251,7 +251,7 @@ async def publish(request: Request, id: Id) -> Response:
     drafts = drafts_of(request)
     expected = if_match(request, "revision")
     content = await read_model(request, DraftPublication)
-    version, warnings = await drafts.publish(id, expected, content.name, author=AUTHOR)
+    version, warnings = await drafts.publish(id, expected, content.name, author=caller_of(request).author)
     answer = {**version_json(version, version.number), "warnings": warnings}
     headers = {"ETag": f'"{version.number}"', "Location": f"/v1/verbs/{version.verb}"}
     return Response(orjson.dumps(answer), 201, headers, JSON)

@@ -8,11 +8,12 @@ import orjson
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
+from service.http.context import caller_of
 from service.http.documented import VerbName, problems
 from service.http.draft_models import ExampleAnswer
 from service.http.negotiation import JSON, OCTETS, if_match, media_type
 from service.http.routes.drafts import drafts_of, numbers
-from service.http.routes.versions import AUTHOR, version_json
+from service.http.routes.versions import version_json
 from verbs.errors import RequestError
 
 __all__ = ["router"]
@@ -58,7 +59,7 @@ async def add(
         raise RequestError(f"keytimes is {keytimes[:80]!r}; write 0.0,1.2,2.4 with seconds")
     given = {"file": file, "keytimes": times, "styles": dict(_style(text) for text in style or ())}
     version, warnings, example = await drafts.add_example(
-        verb, request.stream(), given, expected=if_match(request, "version"), author=AUTHOR
+        verb, request.stream(), given, expected=if_match(request, "version"), author=caller_of(request).author
     )
     answer = {**version_json(version, version.number), "warnings": warnings, "example": example}
     headers = {"ETag": f'"{version.number}"', "Location": f"/v1/verbs/{version.verb}"}

@@ -13,7 +13,7 @@ from starlette.responses import Response, StreamingResponse
 
 from service.compute import run_in_thread
 from service.errors import AlreadyRefining, ReadOnly
-from service.http.context import state_of
+from service.http.context import caller_of, state_of
 from service.http.documented import VerbName, body, problems
 from service.http.negotiation import JSON, read_model
 from service.http.request_models import RefinementRequest
@@ -65,8 +65,9 @@ async def start(request: Request, verb: VerbName) -> Response:
     spec = RefinementSpec.of_request(given, exact=exact)
     if spec.aim == "quality":
         refine_quality.check(entry.verb)
+    author = caller_of(request).author
     try:
-        job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, "a client"))
+        job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, author))
     except AlreadyRunning as err:
         raise AlreadyRefining(str(err), refinement=err.job) from err
     return Response(orjson.dumps(_told(job)), 202, {"Location": f"/v1/refinements/{job.id}"}, JSON)
@@ -112,8 +113,9 @@ async def refinement(request: Request, id: str) -> Response:
 )
 async def cancel(request: Request, id: str) -> Response:
     """Stop a refinement after its current step without publishing. One that has ended is returned unchanged."""
-    known = _refinements(state_of(request))
-    return Response(orjson.dumps(_told(await run_in_thread(lambda: known.cancel(id)))), media_type=JSON)
+    known, author = _refinements(state_of(request)), caller_of(request).author
+    job = await run_in_thread(lambda: known.cancel(id, author=author))
+    return Response(orjson.dumps(_told(job)), media_type=JSON)
 
 
 @router.get(

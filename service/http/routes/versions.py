@@ -11,7 +11,7 @@ from starlette.responses import Response
 from service.catalog.store_sync import StoreSync
 from service.compute import run_in_thread
 from service.errors import ReadOnly
-from service.http.context import state_of
+from service.http.context import caller_of, state_of
 from service.http.documented import VerbName, forms, problems
 from service.http.negotiation import JSON, OCTETS, ZIP, if_match, media_type
 from service.http.response_models import UploadAnswer, VersionAnswer, VersionsAnswer
@@ -19,9 +19,8 @@ from service.state import ServerState
 from service.store.store import Version
 from service.upload.uploads import Uploads
 
-__all__ = ["AUTHOR", "READ_ONLY", "Number", "router", "version_json"]
+__all__ = ["READ_ONLY", "Number", "router", "version_json"]
 
-AUTHOR = "a client"
 READ_ONLY = "this server is read-only; start it with a data folder (--data)"
 
 router = APIRouter(prefix="/v1/verbs", tags=["versions"])
@@ -55,7 +54,9 @@ async def upload(request: Request) -> Response:
     """
     uploads = _uploads(request)
     media_type(request, OCTETS, ZIP)
-    version, warnings = await uploads.publish(request.stream(), author=AUTHOR, expected=if_match(request, "version"))
+    version, warnings = await uploads.publish(
+        request.stream(), author=caller_of(request).author, expected=if_match(request, "version")
+    )
     answer = {**version_json(version, version.number), "warnings": warnings}
     headers = {"ETag": f'"{version.number}"', "Location": f"/v1/verbs/{version.verb}"}
     return Response(orjson.dumps(answer), 201, headers, JSON)
@@ -70,7 +71,9 @@ async def upload(request: Request) -> Response:
 )
 async def delete(request: Request, verb: VerbName) -> Response:
     """Stop serving a verb. Its versions are kept for a while; activating one serves it again."""
-    await _store_sync(request).delete(verb, author=AUTHOR, reason="delete", expected=if_match(request, "version"))
+    await _store_sync(request).delete(
+        verb, author=caller_of(request).author, reason="delete", expected=if_match(request, "version")
+    )
     return Response(status_code=204)
 
 
@@ -105,7 +108,7 @@ async def versions(request: Request, verb: VerbName) -> Response:
 async def activate(request: Request, verb: VerbName, number: Number) -> Response:
     """Roll a verb back or forward. Streams change to the version between two frames."""
     sync, expected = _store_sync(request), if_match(request, "version")
-    version = await sync.activate(verb, number, author=AUTHOR, reason="activate", expected=expected)
+    version = await sync.activate(verb, number, author=caller_of(request).author, reason="activate", expected=expected)
     return Response(orjson.dumps(version_json(version, version.number)), 200, {"ETag": f'"{version.number}"'}, JSON)
 
 

@@ -34,6 +34,8 @@ export interface paths {
         /**
          * Metrics
          * @description Return all metrics in Prometheus text format. Runs in a thread, since it takes milliseconds.
+         *
+         *     Scope: any.
          */
         get: operations["metrics"];
         put?: never;
@@ -66,6 +68,52 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/access": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Show your access
+         * @description Show the key of the request, its scopes, and whether the server requires keys.
+         *
+         *     Scope: any.
+         */
+        get: operations["show_access"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/audit": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List changes
+         * @description List publications, activations, deletions and refinements with their authors, the newest first.
+         *
+         *     `author` names the key: `key ID (NAME)`. The next page starts before the last number of this one.
+         *
+         *     Scope: `admin`.
+         */
+        get: operations["list_changes"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/drafts": {
         parameters: {
             query?: never;
@@ -76,6 +124,8 @@ export interface paths {
         /**
          * List the drafts
          * @description List the drafts, the last changed first.
+         *
+         *     Scope: `author`.
          */
         get: operations["list_drafts"];
         put?: never;
@@ -84,6 +134,8 @@ export interface paths {
          * @description Make a draft of a zip of motion files, with or without `verb.toml`.
          *
          *     Keytimes, adverbs, unit and axes are proposed; clips that cannot be used are listed with the reason.
+         *
+         *     Scope: `author`.
          */
         post: operations["create_draft"];
         delete?: never;
@@ -102,6 +154,8 @@ export interface paths {
         /**
          * Get a draft
          * @description Get a draft: its clips with keytimes, adverbs and mends, and its verb. The `ETag` is its revision.
+         *
+         *     Scope: `author`.
          */
         get: operations["get_draft"];
         put?: never;
@@ -109,6 +163,8 @@ export interface paths {
         /**
          * Delete a draft
          * @description Delete a draft with its clips.
+         *
+         *     Scope: `author`.
          */
         delete: operations["delete_draft"];
         options?: never;
@@ -118,6 +174,8 @@ export interface paths {
          * @description Change a draft, and build its verb again; with `If-Match: "3"` only if its revision is 3.
          *
          *     Where the clips that are left make no verb, `verb` is null and `problem` states why.
+         *
+         *     Scope: `author`.
          */
         patch: operations["change_draft"];
         trace?: never;
@@ -132,6 +190,8 @@ export interface paths {
         /**
          * Motions of a draft's clips
          * @description Return poses of all readable clips for display: a line of JSON, then float32 (docs/rest.md).
+         *
+         *     Scope: `author`.
          */
         get: operations["draft_motion"];
         put?: never;
@@ -154,6 +214,8 @@ export interface paths {
         /**
          * One pose of a draft
          * @description Evaluate one pose of the draft's verb, as of a verb; `version` is the draft's revision.
+         *
+         *     Scope: `author`.
          */
         post: operations["draft_pose"];
         delete?: never;
@@ -174,6 +236,8 @@ export interface paths {
         /**
          * Publish a draft
          * @description Publish the draft's verb with its source, as the next version of its name. The draft stays.
+         *
+         *     Scope: `author`.
          */
         post: operations["publish_draft"];
         delete?: never;
@@ -194,6 +258,8 @@ export interface paths {
         /**
          * A whole motion of a draft
          * @description Evaluate a whole motion of the draft's verb, as of a verb; `version` is the draft's revision.
+         *
+         *     Scope: `author`.
          */
         post: operations["draft_sequence"];
         delete?: never;
@@ -212,6 +278,8 @@ export interface paths {
         /**
          * List refinements
          * @description List refinements, the newest first.
+         *
+         *     Scope: any.
          */
         get: operations["list_refinements"];
         put?: never;
@@ -232,6 +300,8 @@ export interface paths {
         /**
          * Show a refinement
          * @description Show a refinement: its state, pseudo-examples, and the error after each of them.
+         *
+         *     Scope: any.
          */
         get: operations["show_refinement"];
         put?: never;
@@ -239,6 +309,8 @@ export interface paths {
         /**
          * Cancel a refinement
          * @description Stop a refinement after its current step without publishing. One that has ended is returned unchanged.
+         *
+         *     Scope: `refine`.
          */
         delete: operations["cancel_refinement"];
         options?: never;
@@ -256,6 +328,8 @@ export interface paths {
         /**
          * Follow a refinement
          * @description Send an event with the refinement whenever it changes; the last event when it has ended.
+         *
+         *     Scope: any.
          */
         get: operations["follow_refinement"];
         put?: never;
@@ -276,6 +350,8 @@ export interface paths {
         /**
          * List the verbs
          * @description List the verbs that are served, with their versions and adverbs.
+         *
+         *     Scope: any.
          */
         get: operations["list_verbs"];
         put?: never;
@@ -285,6 +361,8 @@ export interface paths {
          *
          *     A source is built first. The verb's name is the one inside. With `If-Match: "3"` it becomes the next version only
          *     if version 3 is current.
+         *
+         *     Scope: `author`.
          */
         post: operations["upload_verb"];
         delete?: never;
@@ -305,6 +383,8 @@ export interface paths {
          * @description Describe one verb: adverbs and their ranges, skeleton, examples, domain, methods, measured quality.
          *
          *     The answer carries an `ETag`; with it as `If-None-Match` an unchanged verb is answered 304.
+         *
+         *     Scope: any.
          */
         get: operations["describe_verb"];
         put?: never;
@@ -312,6 +392,8 @@ export interface paths {
         /**
          * Delete a verb
          * @description Stop serving a verb. Its versions are kept for a while; activating one serves it again.
+         *
+         *     Scope: `author`.
          */
         delete: operations["delete_verb"];
         options?: never;
@@ -333,6 +415,8 @@ export interface paths {
          * @description Publish a version with one more example: the current version's source and a motion file.
          *
          *     Keytimes are aligned from the nearest examples where they are not given; adverbs are measured.
+         *
+         *     Scope: `author`.
          */
         post: operations["add_example"];
         delete?: never;
@@ -356,6 +440,8 @@ export interface paths {
          *
          *     With `Accept: application/octet-stream` the answer is one binary record (docs/wire.md), channel 0; `positions`,
          *     `weights`, `measured` and `met` have no place there; `support` has, where it is requested.
+         *
+         *     Scope: `pose`.
          */
         post: operations["pose"];
         delete?: never;
@@ -380,6 +466,8 @@ export interface paths {
          *     A binary body (`Content-Type: application/octet-stream`) is one row of little-endian float32 per pose: the
          *     adverbs in the verb's order, then the phase; its options stand in the query. A binary answer is one record per
          *     pose, one after the other; a record's channel is its row modulo 65,536.
+         *
+         *     Scope: `pose`.
          */
         post: operations["poses"];
         delete?: never;
@@ -400,6 +488,8 @@ export interface paths {
          * @description Map a method over a plane of adverbs: its error, the curvature κ of its weights, and support by the examples.
          *
          *     Nodes outside the domain are null. κ scales with the square of the spacing: compare maps of one grid only.
+         *
+         *     Scope: `pose`.
          */
         get: operations["quality"];
         put?: never;
@@ -427,6 +517,8 @@ export interface paths {
          *     meet the goal, where the error is largest.
          *
          *     The new version becomes current only if the version that the refinement started from still is.
+         *
+         *     Scope: `refine`.
          */
         post: operations["refine_verb"];
         delete?: never;
@@ -451,6 +543,8 @@ export interface paths {
          *     Frames stand at 0, 1/fps, … up to the last one that is not past the end. As `application/octet-stream` the answer
          *     is one binary record per frame, channel 0, the last one flagged; as `text/x-bvh` it is a file in metres and degrees,
          *     always of all joints.
+         *
+         *     Scope: `pose`.
          */
         post: operations["sequence"];
         delete?: never;
@@ -469,6 +563,8 @@ export interface paths {
         /**
          * List the versions of a verb
          * @description List the versions with their authors, reasons and quality, and the current one.
+         *
+         *     Scope: any.
          */
         get: operations["list_versions"];
         put?: never;
@@ -489,6 +585,8 @@ export interface paths {
         /**
          * Download a version
          * @description Return the artifact of a version.
+         *
+         *     Scope: any.
          */
         get: operations["download_version"];
         put?: never;
@@ -511,6 +609,8 @@ export interface paths {
         /**
          * Serve another version
          * @description Roll a verb back or forward. Streams change to the version between two frames.
+         *
+         *     Scope: `author`.
          */
         post: operations["activate_version"];
         delete?: never;
@@ -565,6 +665,39 @@ export interface paths {
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
+        /**
+         * AccessAnswer
+         * @description The key of a request.
+         */
+        AccessAnswer: {
+            /**
+             * Expires At
+             * @description Seconds since 1970; null: never.
+             */
+            expires_at: number | null;
+            /**
+             * Id
+             * @description Id of the key, or subject of the token; empty without.
+             */
+            id: string;
+            /** Name */
+            name: string;
+            /**
+             * Required
+             * @description Whether the server requires keys.
+             */
+            required: boolean;
+            /** Scopes */
+            scopes: string[];
+        };
+        /**
+         * AuditAnswer
+         * @description Changes of verbs, the newest first.
+         */
+        AuditAnswer: {
+            /** Changes */
+            changes: components["schemas"]["_ChangeOfVerb"][];
+        };
         /**
          * BatchItem
          * @description One character of a crowd.
@@ -1528,6 +1661,12 @@ export interface components {
              * @default null
              */
             limit: number | null;
+            /**
+             * Scope
+             * @description The scope that the key does not have.
+             * @default null
+             */
+            scope: string | null;
             /** Status */
             status: number;
             /** Title */
@@ -2383,6 +2522,43 @@ export interface components {
             /** Unit */
             unit: string;
         };
+        /** _ChangeOfVerb */
+        _ChangeOfVerb: {
+            /**
+             * At
+             * @description Seconds since 1970.
+             */
+            at: number;
+            /**
+             * Author
+             * @description Who made it; `key ID (NAME)` for a key.
+             */
+            author: string;
+            /**
+             * Current
+             * @description Current version after the change; null: none.
+             */
+            current: number | null;
+            /**
+             * Id
+             * @description Number of the change; rises.
+             */
+            id: number;
+            /**
+             * Kind
+             * @description publish, activate, delete, refine or cancel.
+             */
+            kind: string;
+            /**
+             * Number
+             * @description Version that was published, activated, refined, or current before the deletion.
+             */
+            number: number;
+            /** Reason */
+            reason: string;
+            /** Verb */
+            verb: string;
+        };
         /** _ContactPoint */
         _ContactPoint: {
             /**
@@ -2784,6 +2960,15 @@ export interface operations {
                     "text/plain": string;
                 };
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown host */
             421: {
                 headers: {
@@ -2833,6 +3018,126 @@ export interface operations {
             };
         };
     };
+    show_access: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["AccessAnswer"];
+                };
+            };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    list_changes: {
+        parameters: {
+            query?: {
+                /** @description Only those of this verb. */
+                verb?: string | null;
+                /** @description Only those of this author. */
+                author?: string | null;
+                /** @description Only those before this number. */
+                before?: number | null;
+                limit?: number;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["AuditAnswer"];
+                };
+            };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Unknown host */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Invalid request */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Store unavailable; not ready */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
     list_drafts: {
         parameters: {
             query?: never;
@@ -2849,6 +3154,24 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["DraftList"];
+                };
+            };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description Read-only server */
@@ -2915,7 +3238,16 @@ export interface operations {
                     "application/json": components["schemas"]["DraftAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3008,6 +3340,24 @@ export interface operations {
                 };
                 content?: never;
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown draft */
             404: {
                 headers: {
@@ -3074,7 +3424,16 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3173,7 +3532,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3284,6 +3652,24 @@ export interface operations {
                 };
                 content?: never;
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown draft */
             404: {
                 headers: {
@@ -3366,7 +3752,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3483,7 +3878,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3601,7 +4005,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3706,6 +4119,15 @@ export interface operations {
                     "application/json": components["schemas"]["RefinementList"];
                 };
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Read-only server */
             409: {
                 headers: {
@@ -3762,6 +4184,15 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["RefinementAnswer"];
+                };
+            };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description Unknown refinement */
@@ -3831,7 +4262,16 @@ export interface operations {
                     "application/json": components["schemas"]["RefinementAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3907,6 +4347,15 @@ export interface operations {
                     "text/event-stream": string;
                 };
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown refinement */
             404: {
                 headers: {
@@ -3972,6 +4421,15 @@ export interface operations {
                     "application/json": components["schemas"]["VerbList"];
                 };
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown host */
             421: {
                 headers: {
@@ -4024,7 +4482,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4126,6 +4593,15 @@ export interface operations {
                 };
                 content?: never;
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb */
             404: {
                 headers: {
@@ -4183,7 +4659,16 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4280,7 +4765,16 @@ export interface operations {
                     "application/json": components["schemas"]["ExampleAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4398,7 +4892,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4521,7 +5024,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4629,6 +5141,24 @@ export interface operations {
                     "application/json": components["schemas"]["QualityAnswer"];
                 };
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb; unknown version */
             404: {
                 headers: {
@@ -4701,7 +5231,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4802,7 +5341,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4897,6 +5445,15 @@ export interface operations {
                     "application/json": components["schemas"]["VersionsAnswer"];
                 };
             };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Unknown verb */
             404: {
                 headers: {
@@ -4965,6 +5522,15 @@ export interface operations {
                 };
                 content: {
                     "application/octet-stream": string;
+                };
+            };
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description Unknown verb; unknown version */
@@ -5037,7 +5603,16 @@ export interface operations {
                     "application/json": components["schemas"]["VersionAnswer"];
                 };
             };
-            /** @description Foreign origin */
+            /** @description Unauthenticated */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
             403: {
                 headers: {
                     [name: string]: unknown;

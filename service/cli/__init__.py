@@ -1,0 +1,16 @@
+"""The command ``adverb`` with everything in it: the library's commands, and those of the service."""
+
+from service.cli import keys
+from service.cli.serve import serve_command, worker_command
+from verbs import cli
+
+__all__ = ["main"]
+
+cli.app.command("serve")(serve_command)
+cli.app.command("worker")(worker_command)
+cli.app.add_typer(keys.app, name="keys")
+
+
+def main() -> None:
+    """Run the command line."""
+    cli.run(cli.app)

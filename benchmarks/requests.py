@@ -7,17 +7,21 @@ process time is measured, in turns, and the least of many rounds is taken. A cro
 from __future__ import annotations
 
 import asyncio
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import orjson
 from fastapi import FastAPI, Response
 
+from service.access.keys import hash_of, new
 from service.app import create_app
 from service.http.request_models import PoseRequest
 from service.settings import Settings
+from service.store.keys import open_keys
 
 BODY = orjson.dumps({"adverbs": {"x": -0.2, "y": 1.2, "z": 0.5}, "phase": 0.4})
 JSON, OCTETS = b"application/json", b"application/octet-stream"
@@ -31,7 +35,7 @@ def crowd() -> bytes:
     return rng.uniform(low, high, (CROWD, 4)).astype("<f4").tobytes()
 
 
-async def ask(app: Any, path: str, accept: bytes, content: bytes = BODY, kind: bytes = JSON) -> bytes:
+async def ask(app: Any, path: str, accept: bytes, content: bytes = BODY, kind: bytes = JSON, key: str = "") -> bytes:
     """One POST through the ASGI interface."""
     parts: list[bytes] = []
     scope = {
@@ -40,6 +44,7 @@ async def ask(app: Any, path: str, accept: bytes, content: bytes = BODY, kind: b
         "server": ("127.0.0.1", 80), "state": {}, "headers": [
             (b"host", b"localhost"), (b"content-type", kind), (b"accept", accept),
             (b"content-length", str(len(content)).encode()),
+            *([(b"authorization", f"Bearer {key}".encode())] if key else []),
         ],
     }  # fmt: skip
 
@@ -105,7 +110,34 @@ async def run() -> None:
         print(f"  {name:<20}{value:>8.1f}")
     print(f"  binary / constant: {best['pose, binary'] / best['constant, binary']:.2f}×   (goal ≤ 1.15)")
     print(f"  JSON / constant:   {best['pose, JSON'] / best['constant, JSON']:.2f}×   (goal ≤ 1.2)")
+    await guarded()
     print(f"  {CROWD:,} poses in one binary request: {many['crowd'] / CROWD:.2f} µs a pose")
+
+
+async def guarded() -> None:
+    """What a key and limits on its rate cost a pose, beside a server that needs none."""
+    path = "/v1/verbs/reach/pose"
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Settings(data=Path(folder), refiners=0)
+        keys = open_keys(settings.database)
+        id, key = new()
+        keys.add(id, hash_of(key), name="", scopes=frozenset({"pose"}), expires_at_s=None)
+        keys.close()
+        limits = {"rate_per_key": "1000000/second", "rate_per_address": "1000000/second"}
+        plain, closed = (
+            create_app(settings.model_copy(update={"data": None})),
+            create_app(settings.model_copy(update=limits)),
+        )
+        async with plain.router.lifespan_context(plain), closed.router.lifespan_context(closed):
+            for app in (plain, closed):
+                while b"true" not in await ready(app):
+                    await asyncio.sleep(0.1)
+            entry = plain.state.server.catalog
+            closed.state.server.set_catalog(entry)
+            best = await measure(
+                {"open": lambda: ask(plain, path, OCTETS), "key": lambda: ask(closed, path, OCTETS, key=key)}
+            )
+    print(f"  with a key and two rates: {best['key']:.1f} µs, {best['key'] / best['open']:.3f}× of a server without")
 
 
 async def ready(app: Any) -> bytes:

@@ -63,7 +63,11 @@ def create_app(
             *([_cors(origins)] if origins else []),
             Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts), origins=origins),
             Middleware(
-                Authenticate, access=state.access, open_metrics=settings.open_metrics, open_docs=settings.open_docs
+                Authenticate,
+                access=state.access,
+                limits=state.limits,
+                open_metrics=settings.open_metrics,
+                open_docs=settings.open_docs,
             ),
             Middleware(BodyLimit, limit=settings.max_body_bytes, upload_limit=settings.max_upload_bytes),
         ],
@@ -75,7 +79,7 @@ def create_app(
         *(drafts.router, examples.router, audit.router, health.router, pages.router),
     )
     app.router.routes[:0] = [route for router in routers for route in router.routes]
-    app.router.routes.insert(0, endpoint.route(state.hub, state.access))
+    app.router.routes.insert(0, endpoint.route(state.hub, state.access, state.limits))
     errors.install(app)
     openapi.install(app)
     return app

@@ -7,6 +7,8 @@ Every problem has a stable ``code``; ``type`` links to its description in ``/doc
     ├── ForeignOrigin      a browser sent the request for a page of another site
     ├── Unauthenticated    the request has no key, or none that is valid
     ├── MissingScope       the key does not have the scope that the request needs
+    ├── TooManyRequests    the limit of requests of a key or an address is reached
+    ├── TooManyStreams     the limit of streams of a key or an address is reached
     ├── NotReady           verbs are still being loaded
     ├── Overloaded         the queue of long calls is full
     ├── BodyTooLarge       the body is longer than the limit
@@ -75,6 +77,8 @@ __all__ = [
     "StoreUnavailable",
     "TooManyChannels",
     "TooManyDrafts",
+    "TooManyRequests",
+    "TooManyStreams",
     "Unauthenticated",
     "UnknownChannel",
     "UnknownDraft",
@@ -118,6 +122,14 @@ class Unauthenticated(ServiceError):
 
 class MissingScope(ServiceError):
     """The key does not have the scope that the request needs."""
+
+
+class TooManyRequests(ServiceError):
+    """The limit of requests of a key or an address is reached."""
+
+
+class TooManyStreams(ServiceError):
+    """The limit of streams of a key or an address is reached."""
 
 
 class NotReady(ServiceError):
@@ -270,6 +282,8 @@ PROBLEMS: dict[str, Problem] = {
         Problem(409, "channel_in_use", "Channel in use", "In streams. Close it first, or switch it."),
         Problem(422, "skeleton_mismatch", "Skeleton mismatch", "In streams. Open another channel for that verb."),
         Problem(404, "unknown_session", "Unknown session", "In streams. Open new channels."),
+        Problem(429, "too_many_requests", "Too many requests", "Retry after `Retry-After` seconds."),
+        Problem(429, "too_many_streams", "Too many streams", "Close some, or raise the server's limits."),
         Problem(429, "too_many_channels", "Too many channels", "In streams. Close some, or raise the server's limits."),
         Problem(500, "internal_error", "Internal error", "Report it with the request id."),
         Problem(503, "not_ready", "Not ready", "Verbs are being loaded; retry after `Retry-After` seconds."),
@@ -283,6 +297,8 @@ _SERVICE_CODES: dict[type[ServiceError], str] = {
     ForeignOrigin: "foreign_origin",
     Unauthenticated: "unauthenticated",
     MissingScope: "missing_scope",
+    TooManyRequests: "too_many_requests",
+    TooManyStreams: "too_many_streams",
     NotReady: "not_ready",
     Overloaded: "overloaded",
     BodyTooLarge: "body_too_large",

@@ -176,6 +176,43 @@ class Settings(BaseSettings):
     draft_days: Annotated[
         float, Field(gt=0, le=3_650, description="Days after its last change at which a draft is removed.")
     ] = 30.0
+    rate_per_key: Annotated[
+        str,
+        Field(
+            max_length=200, description="Largest rate of requests of one key or token: 100/second; 5000/minute; none."
+        ),
+    ] = ""
+    rate_per_address: Annotated[
+        str, Field(max_length=200, description="Largest rate of requests of one address, in the same form.")
+    ] = ""
+    rate_storage: Annotated[
+        str,
+        Field(
+            pattern="^(memory://|rediss?://.+)$",
+            max_length=2_000,
+            description="Where requests are counted: memory://, by each process; redis://HOST, for all together.",
+        ),
+    ] = "memory://"
+    streams_per_key: Annotated[
+        int | None, Field(ge=1, le=100_000, description="Largest number of open streams of one key, per process.")
+    ] = None
+    streams_per_address: Annotated[
+        int | None, Field(ge=1, le=100_000, description="Largest number of open streams of one address, per process.")
+    ] = None
+    channels_per_key: Annotated[
+        int | None,
+        Field(ge=1, le=1_000_000, description="Largest number of channels of all streams of one key, per process."),
+    ] = None
+    refine_s_per_day: Annotated[
+        int | None,
+        Field(
+            ge=1, le=10_000_000, description="Largest sum of the budgets of refinements of one key in a day, seconds."
+        ),
+    ] = None
+    request_s: Annotated[
+        float,
+        Field(gt=0, le=3_600, description="Longest time in which the head of a request must arrive, seconds."),
+    ] = 10.0
     log_level: Annotated[LogLevel, Field(description="Lowest level of log messages: debug, info, warning, error.")] = (
         "info"
     )
@@ -223,6 +260,18 @@ class Settings(BaseSettings):
     shutdown_s: Annotated[
         int, Field(ge=0, le=600, description="Longest wait for running requests at shutdown, seconds.")
     ] = 10
+
+    @field_validator("rate_per_key", "rate_per_address")
+    @classmethod
+    def _rates(cls, value: str) -> str:
+        if value:
+            from limits import parse_many
+
+            try:
+                parse_many(value)
+            except ValueError as err:
+                raise ValueError(f"{value!r} is not a rate; write 100/second, or 5000/minute") from err
+        return value
 
     @field_validator("cors_origins", "frame_ancestors")
     @classmethod

@@ -13,6 +13,7 @@ import structlog
 
 from service import packing
 from service.access.access import Access
+from service.access.limits import Limits
 from service.catalog import catalog as catalogs
 from service.catalog.catalog import Catalog, Entry
 from service.catalog.store_sync import StoreSync, load_with_retry
@@ -63,6 +64,8 @@ class ServerState:
         The served verbs; None until they are loaded.
     access : Access
         Who may use the server.
+    limits : Limits
+        How much a caller may do.
     version_cache : VersionCache
         Versions that are not current.
     usage : Usage
@@ -91,7 +94,7 @@ class ServerState:
         self.catalog: Catalog | None = None
         self.version_cache = VersionCache()
         self.usage = Usage(MAX_RECORDED if settings.data is not None else 0)
-        self.access = Access(settings, public=settings.public)
+        self.access, self.limits = Access(settings, public=settings.public), Limits(settings)
         self.hub = Hub(settings, self.metrics, self.current, self.usage)
         self.ready = anyio.Event()
         self.store_sync: StoreSync | None = None
@@ -162,6 +165,7 @@ class ServerState:
                     group.create_task(self._supervise(self.settings))
                 group.create_task(self._builder.run())
         finally:
+            await self.limits.close()
             refinements.close()
             sync.store.close()
 

@@ -6,6 +6,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.access import scopes
 from service.access.access import ANYONE, CALLER, Access, Caller
+from service.access.limits import Limits, address_of
 from service.errors import NotReady, ServiceError, Unauthenticated
 from service.http.guard import refuse
 
@@ -24,12 +25,15 @@ class Authenticate:
     ----------
     app : ASGI application
     access : Access
+    limits : Limits
+        Requests are counted per caller, and answered with 429 beyond.
     open_metrics, open_docs : bool
         Whether these need no key.
     """
 
-    def __init__(self, app: ASGIApp, *, access: Access, open_metrics: bool, open_docs: bool) -> None:
+    def __init__(self, app: ASGIApp, *, access: Access, limits: Limits, open_metrics: bool, open_docs: bool) -> None:
         self.app, self._access = app, access
+        self._limits = limits if limits.counts_requests else None
         self._open = {scopes.OPEN}
         self._open |= ({scopes.METRICS} if open_metrics else set()) | ({scopes.DOCS} if open_docs else set())
 
@@ -37,7 +41,9 @@ class Authenticate:
         """Check one request or handshake, and pass it on."""
         if scope["type"] in ("http", "websocket"):
             try:
-                scope[CALLER] = await self._caller(scope)
+                caller = scope[CALLER] = await self._caller(scope)
+                if self._limits is not None:
+                    await self._limits.request(caller, address_of(scope))
             except ServiceError as err:
                 await refuse(err, scope, receive, send)
                 return

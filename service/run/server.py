@@ -17,6 +17,7 @@ from service.app import create_app
 from service.catalog.catalog import Catalog
 from service.run import logs
 from service.run.acceptor import Acceptor
+from service.run.http_protocol import BoundedHttp
 from service.run.listener import CannotServe, check, greeting, listen
 from service.run.loads import NO_ROOM, Loads
 from service.run.progress import Progress
@@ -133,10 +134,11 @@ def _allow_files(count: int) -> None:
 
 def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:
     """The settings of uvicorn that were measured best for this app."""
+    protocol = type("Http", (BoundedHttp,), {"patience_s": settings.request_s})
     return uvicorn.Config(
         app,
         loop="uvloop",
-        http="httptools",
+        http=protocol,
         ws=StreamProtocol,
         ws_per_message_deflate=False,
         ws_max_size=65_536,

@@ -6,7 +6,7 @@ Everything here runs in the engine's thread, between two ticks.
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -58,6 +58,7 @@ class Channels:
         self._settings, self._catalog, self._ticks, self._send = settings, catalog, ticks, send
         self.on_characters: Callable[[], None] = lambda: None
         self.groups: dict[tuple[str, int, str], Group] = {}
+        self._of_key: Counter[str] = Counter()
         self._renewing: deque[tuple[Channel, Catalog]] = deque()
 
     # ── messages of clients ──────────────────────────────────────────────────────────────────────────────────────
@@ -70,6 +71,9 @@ class Channels:
             raise TooManyChannels(f"a stream may have at most {self._settings.stream_channels} channels")
         if self._ticks.characters >= self._settings.stream_characters:
             raise TooManyChannels(f"the server has its maximum of {self._settings.stream_characters} channels")
+        most = self._settings.channels_per_key
+        if most is not None and session.caller and self._of_key[session.caller] >= most:
+            raise TooManyChannels(f"the key of this stream has its maximum of {most} channels")
         entry = self._catalog().entry(request.verb)
         group = self._group(entry, request.method)
         form = Form.of(request)
@@ -91,6 +95,7 @@ class Channels:
             priority=request.priority,
         )
         session.channels[request.channel] = channel
+        self._of_key[session.caller] += 1
         self._ticks.add(session, channel.fps, time.monotonic())
         self.on_characters()
         self._send(session, opened(channel))
@@ -139,6 +144,9 @@ class Channels:
     def close(self, session: Session, number: int) -> None:
         """End a character."""
         channel = session.channels.pop(number)
+        self._of_key[session.caller] -= 1
+        if self._of_key[session.caller] <= 0:
+            del self._of_key[session.caller]
         self._ticks.drop(session, channel.fps)
         channel.group.characters.remove(channel.slot)
         self.on_characters()

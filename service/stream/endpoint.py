@@ -15,8 +15,9 @@ from pydantic import ValidationError
 from starlette.routing import WebSocketRoute
 from starlette.types import Receive, Scope, Send
 
-from service.access.access import ANYONE, CALLER, Access
-from service.errors import BadMessage
+from service.access.access import ANYONE, CALLER, Access, Caller
+from service.access.limits import Limits, address_of
+from service.errors import BadMessage, TooManyStreams
 from service.stream.connection import TOO_SLOW, Connection, DirectConnection, LoopConnection
 from service.stream.hub import Hub
 from service.stream.kernels import U16
@@ -41,14 +42,14 @@ _FINAL = {1000, 1001}
 """Close codes of a client that does not resume. 1005 is not one: a lost connection has it too."""
 
 
-def route(hub: Hub, access: Access) -> WebSocketRoute:
+def route(hub: Hub, access: Access, limits: Limits) -> WebSocketRoute:
     """The route; its endpoint is plain ASGI, since every layer in between costs time per frame."""
-    return WebSocketRoute("/v1/stream", _Endpoint(hub, access), name="stream")
+    return WebSocketRoute("/v1/stream", _Endpoint(hub, access, limits), name="stream")
 
 
 class _Endpoint:
-    def __init__(self, hub: Hub, access: Access) -> None:
-        self._hub, self._access = hub, access
+    def __init__(self, hub: Hub, access: Access, limits: Limits) -> None:
+        self._hub, self._access, self._limits = hub, access, limits
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection."""
@@ -63,9 +64,14 @@ class _Endpoint:
             reason = "the server is stopping" if hub.draining else "the server has its maximum number of streams"
             await send({"type": "websocket.close", "code": 1012 if hub.draining else TOO_MANY, "reason": reason})
             return
+        caller = scope.get(CALLER, ANYONE)
         hub.connections += 1
         try:
-            connection = await self._serve(scope, receive, send)
+            with self._limits.stream(caller, address_of(scope)):
+                connection = await self._serve(caller, scope, receive, send)
+        except TooManyStreams as err:
+            await send({"type": "websocket.close", "code": TOO_MANY, "reason": err.detail})
+            return
         finally:
             hub.connections -= 1
         if connection.ending is not None:
@@ -76,17 +82,17 @@ class _Endpoint:
             ):  # the connection may be lost
                 await send({"type": "websocket.close", "code": code, "reason": reason})
 
-    async def _serve(self, scope: Scope, receive: Receive, send: Send) -> Connection:
+    async def _serve(self, caller: Caller, scope: Scope, receive: Receive, send: Send) -> Connection:
         hub = self._hub
         with anyio.CancelScope() as reading:
             transport: StreamProtocol | None = scope.get("extensions", {}).get(TRANSPORT)
             connection = await _connection(hub, transport, send, reading)
             reader = _Reader(hub, connection)
-            hub.post(hub.join, connection)
+            hub.post(hub.join, connection, caller.id)
             if transport is not None:
                 transport.idle, transport.on_adverbs = reader.idle, reader.aim
             try:
-                with self._access.watching(scope.get(CALLER, ANYONE), connection.end):
+                with self._access.watching(caller, connection.end):
                     await reader.run(receive)
             finally:
                 if transport is not None:

@@ -163,9 +163,9 @@ class Hub:
 
     # ── sessions ─────────────────────────────────────────────────────────────────────────────────────────────────
 
-    def join(self, connection: Connection) -> None:
-        """Start a session for a connection, and greet it."""
-        session = Session(self._table, slow_s=self.settings.stream_slow_s)
+    def join(self, connection: Connection, caller: str = "") -> None:
+        """Start a session for a connection, and greet it; ``caller`` is the id of its key."""
+        session = Session(self._table, slow_s=self.settings.stream_slow_s, caller=caller)
         session.attach(connection)
         self._session_of[connection] = session
         self._connections.add(connection)

@@ -107,6 +107,8 @@ class Session:
     table : LineTable
     slow_s : float
         Longest time for which a client may read nothing.
+    caller : str
+        Id of the client's key; empty without.
 
     Attributes
     ----------
@@ -118,7 +120,8 @@ class Session:
         Priorities and budget, where the client has set a budget.
     """
 
-    def __init__(self, table: LineTable, *, slow_s: float) -> None:
+    def __init__(self, table: LineTable, *, slow_s: float, caller: str = "") -> None:
+        self.caller = caller
         self.id, self._slow_s, self._table = secrets.token_urlsafe(16), slow_s, table
         self.row = table.take()
         self.channels: dict[int, Channel] = {}

@@ -68,7 +68,7 @@ class PoseOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One HTTP request; ``retry`` allows further attempts after status 503."""
+    """One HTTP request; ``retry`` allows further attempts after status 429 or 503."""
 
     method: Literal["GET", "POST"]
     path: str

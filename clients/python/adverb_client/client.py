@@ -30,7 +30,7 @@ class Client(BaseClient):
     timeout_s : float
         Timeout of one request, seconds.
     retries : int
-        Further attempts after status 503.
+        Further attempts after status 429 or 503.
     max_wait_s : float
         Longest delay between two attempts, seconds, even if ``Retry-After`` is longer.
     transport : httpx.BaseTransport, optional

@@ -49,6 +49,8 @@
         ├── Unavailable             `retry_after_s`
         │   ├── NotReady
         │   ├── Overloaded
+        │   ├── TooManyRequests
+        │   ├── TooManyStreams
         │   └── StoreUnavailable
         ├── InternalError           a fault of the server; report it with `request_id`
         └── ChannelError            of a stream: `channel`
@@ -104,6 +106,8 @@ __all__ = [
     "TooLarge",
     "TooManyChannels",
     "TooManyDrafts",
+    "TooManyRequests",
+    "TooManyStreams",
     "TransportError",
     "Unauthenticated",
     "Unavailable",
@@ -468,6 +472,18 @@ class Overloaded(Unavailable):
     """The server is overloaded."""
 
     code = "overloaded"
+
+
+class TooManyRequests(Unavailable):
+    """The key or address has its maximum of requests, see ``limit``."""
+
+    code = "too_many_requests"
+
+
+class TooManyStreams(Unavailable):
+    """The key or address has its maximum of streams, see ``limit``."""
+
+    code = "too_many_streams"
 
 
 class StoreUnavailable(Unavailable):

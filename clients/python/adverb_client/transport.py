@@ -23,7 +23,7 @@ class BaseClient:
 
     def _wait_s(self, request: Request, response: Response, backoff: Backoff) -> float | None:
         """Delay before the next attempt, seconds; None if the response is final."""
-        if response.status != 503 or not request.retry or backoff.failures >= self._retries:
+        if response.status not in (429, 503) or not request.retry or backoff.failures >= self._retries:
             return None
         return backoff.next_s(error_of(response).retry_after_s)
 

@@ -11,6 +11,7 @@ import orjson
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response, StreamingResponse
 
+from service.access.limits import address_of
 from service.compute import run_in_thread
 from service.errors import AlreadyRefining, ReadOnly
 from service.http.context import caller_of, state_of
@@ -65,9 +66,10 @@ async def start(request: Request, verb: VerbName) -> Response:
     spec = RefinementSpec.of_request(given, exact=exact)
     if spec.aim == "quality":
         refine_quality.check(entry.verb)
-    author = caller_of(request).author
+    caller = caller_of(request)
+    await state.limits.refine(caller, address_of(request.scope), spec.budget_s)
     try:
-        job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, author))
+        job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, caller.author))
     except AlreadyRunning as err:
         raise AlreadyRefining(str(err), refinement=err.job) from err
     return Response(orjson.dumps(_told(job)), 202, {"Location": f"/v1/refinements/{job.id}"}, JSON)

@@ -1,0 +1,109 @@
+"""Bounds of HTTP connections, on real sockets."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+
+import pytest
+
+from service.run.http_protocol import HEAD_BYTES
+
+PATIENCE_S = 30.0
+
+
+@pytest.fixture(scope="module")
+def server(serve):
+    with serve(request_s=0.5) as server:
+        yield server
+
+
+def dialled(server) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", server.port), PATIENCE_S)
+
+
+def answer_of(connection: socket.socket) -> bytes:
+    """All bytes until the server closes the connection."""
+    found = b""
+    with contextlib.suppress(ConnectionResetError):
+        while part := connection.recv(65_536):
+            found += part
+    return found
+
+
+@pytest.mark.parametrize("start", [b"", b"GET /livez HTTP/1.1\r\nHost: localhost\r\n"], ids=["nothing", "half a head"])
+def test_a_head_that_does_not_arrive_closes_the_connection(server, start):
+    with dialled(server) as connection:
+        connection.sendall(start)
+        assert answer_of(connection).startswith(b"HTTP/1.1 408 ")
+
+
+def test_a_head_byte_by_byte_is_late(server):
+    with dialled(server) as connection:
+        started = time.monotonic()
+        connection.settimeout(0.05)
+        found = b""
+        for byte in b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX-Slow: " + b"x" * 10_000:
+            try:
+                connection.send(bytes([byte]))
+                found += connection.recv(100)
+            except TimeoutError:
+                continue
+            except OSError:
+                break
+            if found:
+                break
+        assert found.startswith(b"HTTP/1.1 408 ")
+        assert time.monotonic() - started < PATIENCE_S
+
+
+@pytest.mark.parametrize("name", [b"X-Long", b"Cookie"])
+def test_a_long_head_is_refused(server, name):
+    with dialled(server) as connection:
+        connection.sendall(b"GET /livez HTTP/1.1\r\nHost: localhost\r\n")
+        with contextlib.suppress(OSError):  # the server closes it
+            for _ in range(4 * HEAD_BYTES // 1_000):
+                connection.sendall(name + b": " + b"x" * 1_000 + b"\r\n")
+        assert b"431" in answer_of(connection)[:40]
+
+
+def test_a_long_path_is_refused(server):
+    with dialled(server) as connection:
+        with contextlib.suppress(OSError):
+            connection.sendall(b"GET /" + b"x" * (4 * HEAD_BYTES))
+        assert b"431" in answer_of(connection)[:40]
+
+
+def test_a_body_that_stops_closes_the_connection(server):
+    with dialled(server) as connection:
+        connection.sendall(
+            b"POST /v1/verbs/arm3/pose HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+            b"Content-Length: 100\r\n\r\n{"
+        )
+        assert b"408" in answer_of(connection)[:40]
+
+
+def test_requests_of_a_connection_one_after_the_other_and_in_parts(server):
+    request = b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    with dialled(server) as connection:
+        for _ in range(3):
+            connection.sendall(request[:20])
+            connection.sendall(request[20:])
+            assert connection.recv(65_536).endswith(b'{"live":true}')
+            time.sleep(0.3)  # together longer than a head may take
+        connection.sendall(request * 2)
+        found = b""
+        while found.count(b'{"live":true}') < 2:
+            found += connection.recv(65_536)
+
+
+def test_a_large_body_may_take_longer_than_a_head(server):
+    body = b'{"adverbs": {"x": 0.4, "y": 0.2}}' + b" " * 200_000
+    head = b"POST /v1/verbs/arm3/pose HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    with dialled(server) as connection:
+        connection.sendall(head + b"Content-Length: %d\r\n\r\n" % len(body))
+        for start in range(0, len(body), 20_000):
+            connection.sendall(body[start : start + 20_000])
+            time.sleep(0.1)
+        assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")

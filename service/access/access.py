@@ -36,6 +36,9 @@ POLL_S = 0.4
 EARLIEST_S = 0.1
 """Shortest time between two readings, seconds; an unknown key causes one, so that a new key is known at once."""
 
+MAX_FOUND = 10_000
+"""Keys that are remembered as found, so that not every request needs a hash."""
+
 MAX_TOKEN = 8_192
 """Longest key or token, characters."""
 
@@ -98,6 +101,7 @@ class Access:
         self._tokens = Tokens.of_settings(settings)
         self._store: Keys | None = None
         self._keys: Mapping[str, Key] = {}
+        self._found: dict[str, Caller] = {}
         self._revision, self._read_at_s = -1, 0.0
         self._reading: asyncio.Task[None] | None = None
         self._open: dict[Callable[[], None], Caller] = {}
@@ -124,6 +128,13 @@ class Access:
             await asyncio.sleep(POLL_S)
             await self._read()
             self._end_invalid()
+
+    def known(self, text: str | None) -> Caller | None:
+        """The caller with a key that was found before and is valid still; else None."""
+        caller = None if text is None else self._found.get(text)
+        if caller is not None and caller.expires_at_s is not None and caller.expires_at_s <= time.time():
+            return None
+        return caller
 
     async def find(self, text: str) -> Caller:
         """The caller with a key or token.
@@ -152,7 +163,11 @@ class Access:
             raise _refusal(f"the key {id} was revoked")
         if not key.valid_at(time.time()):
             raise _refusal(f"the key {id} has expired")
-        return _caller(key)
+        caller = _caller(key)
+        if len(self._found) >= MAX_FOUND:
+            self._found.clear()
+        self._found[text] = caller
+        return caller
 
     def check(self, caller: Caller, scope: str) -> None:
         """Raise :class:`MissingScope` if a caller does not have a scope."""
@@ -200,6 +215,7 @@ class Access:
         if found is not None:
             self._revision = found[0]
             self._keys = {key.id: key for key in found[1]}
+            self._found.clear()
 
     def _end_invalid(self) -> None:
         """End streams whose caller could not open one now."""

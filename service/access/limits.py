@@ -1,8 +1,8 @@
 """How much a caller may do: requests, streams and refinements, per key and per address.
 
-Requests are counted in fixed windows by the library ``limits``: in memory, of this process, or in a Redis-compatible
-server for several processes together. The database of the store is not used for it: a transaction for every pose would
-take longer than the pose.
+Requests are counted in windows that start with a request. One process counts in its memory; several together count in a
+Redis-compatible server, by the library ``limits``. That library's own memory starts a thread every 10 ms to remove old
+counts, which costs a sixth of a pose; the database of the store would need a transaction for every pose.
 """
 
 from __future__ import annotations
@@ -16,9 +16,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol, cast
 
 import structlog
-from limits import RateLimitItem, RateLimitItemPerDay, parse_many
-from limits.storage import MemoryStorage
-from limits.strategies import FixedWindowRateLimiter
+from limits import RateLimitItem, RateLimitItemPerDay, WindowStats, parse_many
 from starlette.types import Scope
 
 from service.access.access import Caller
@@ -26,6 +24,9 @@ from service.errors import TooManyRequests, TooManyStreams
 from service.settings import Settings
 
 __all__ = ["Limits", "address_of"]
+
+MAX_COUNTED = 100_000
+"""Largest number of keys and addresses that are counted in memory; beyond, counting begins anew."""
 
 RETRY_STORAGE_S = 5.0
 """Time for which requests are counted in memory after the shared storage failed, seconds."""
@@ -37,6 +38,8 @@ class _Shared(Protocol):
     """Limiter whose storage several processes share."""
 
     def hit(self, item: RateLimitItem, *identifiers: str, cost: int = 1) -> Awaitable[bool]: ...
+
+    def get_window_stats(self, item: RateLimitItem, *identifiers: str) -> Awaitable[WindowStats]: ...
 
 
 def address_of(scope: Scope) -> str:
@@ -63,8 +66,7 @@ class Limits:
         self._refining = None if daily is None else RateLimitItemPerDay(int(daily))
         self._streams = {"key": settings.streams_per_key, "address": settings.streams_per_address}
         self._open: Counter[tuple[str, str]] = Counter()
-        self._memory = MemoryStorage()
-        self._local = FixedWindowRateLimiter(self._memory)
+        self._windows: dict[str, list[float]] = {}
         self._pool = _pool_of(settings.rate_storage)
         self._shared = _shared(settings.rate_storage, self._pool)
         self._shared_again_s = 0.0
@@ -74,13 +76,24 @@ class Limits:
         """Whether requests are limited."""
         return bool(self._of_key or self._of_address)
 
+    @property
+    def counts_in_memory(self) -> bool:
+        """Whether requests are counted in the memory of this process, for now."""
+        return self._shared is None or time.monotonic() < self._shared_again_s
+
+    def count(self, caller: Caller, address: str) -> None:
+        """Count a request in memory; raises :class:`TooManyRequests`."""
+        for item, kind, name in self._counted(caller, address):
+            self._count(item, kind, name, 1, "requests")
+
     async def request(self, caller: Caller, address: str) -> None:
         """Count a request; raises :class:`TooManyRequests`."""
-        if caller.id:
-            for item in self._of_key:
-                await self._hit(item, "key", caller.id)
-        for item in self._of_address:
-            await self._hit(item, "address", address)
+        for item, kind, name in self._counted(caller, address):
+            await self._hit(item, kind, name, 1, "requests")
+
+    def _counted(self, caller: Caller, address: str) -> list[tuple[RateLimitItem, str, str]]:
+        of_key = [(item, "key", caller.id) for item in self._of_key] if caller.id else []
+        return [*of_key, *((item, "address", address) for item in self._of_address)]
 
     async def refine(self, caller: Caller, address: str, budget_s: float) -> None:
         """Count the budget of a refinement; raises :class:`TooManyRequests`."""
@@ -111,32 +124,45 @@ class Limits:
         if self._pool is not None:
             await self._pool.aclose()
 
-    async def _hit(self, item: RateLimitItem, kind: str, name: str, cost: int = 1, what: str = "requests") -> None:
-        if not await self._allowed(item, kind, name, cost):
-            seconds = self._reset_s(item)
-            raise TooManyRequests(
-                f"this {kind.removeprefix('refine ')} may have {item.amount} {what} per {_window(item)}",
-                headers={"Retry-After": str(seconds)},
-                limit=item.amount,
-            )
-
-    async def _allowed(self, item: RateLimitItem, kind: str, name: str, cost: int) -> bool:
-        if self._shared is None or time.monotonic() < self._shared_again_s:
-            return self._local.hit(item, kind, name, cost=cost)
+    async def _hit(self, item: RateLimitItem, kind: str, name: str, cost: int, what: str) -> None:
+        if self._shared is None or self.counts_in_memory:
+            self._count(item, kind, name, cost, what)
+            return
         try:
-            return await self._shared.hit(item, kind, name, cost=cost)
+            allowed = await self._shared.hit(item, kind, name, cost=cost)
+            end_s = 0.0 if allowed else (await self._shared.get_window_stats(item, kind, name)).reset_time
         except Exception as err:  # of any client library: a failed count must not fail the request
             self._shared_again_s = time.monotonic() + RETRY_STORAGE_S
-            log.warning(
-                "the storage of limits cannot be reached; requests are counted in memory", problem=str(err)[:200]
-            )
-            return self._local.hit(item, kind, name, cost=cost)
+            problem = str(err)[:200]
+            log.warning("the storage of limits cannot be reached; requests are counted in memory", problem=problem)
+            self._count(item, kind, name, cost, what)
+            return
+        if not allowed:
+            raise _refusal(item, kind, what, end_s)
 
-    @staticmethod
-    def _reset_s(item: RateLimitItem) -> int:
-        """Seconds until the next window; windows start at multiples of their length."""
-        length = item.get_expiry()
-        return max(1, math.ceil(length - time.time() % length))
+    def _count(self, item: RateLimitItem, kind: str, name: str, cost: int, what: str) -> None:
+        """Count in memory."""
+        now_s, key = time.monotonic(), f"{kind} {item.multiples} {item.GRANULARITY.name} {name}"
+        window = self._windows.get(key)
+        if window is None or window[0] <= now_s:
+            if len(self._windows) >= MAX_COUNTED:
+                self._forget(now_s)
+            window = self._windows[key] = [now_s + item.get_expiry(), 0.0]
+        window[1] += cost
+        if window[1] > item.amount:
+            raise _refusal(item, kind, what, time.time() + window[0] - now_s)
+
+    def _forget(self, now_s: float) -> None:
+        """Remove the windows that have ended; all, where too many have not."""
+        self._windows = {key: window for key, window in self._windows.items() if window[0] > now_s}
+        if len(self._windows) > MAX_COUNTED // 2:
+            self._windows.clear()
+
+
+def _refusal(item: RateLimitItem, kind: str, what: str, end_s: float) -> TooManyRequests:
+    seconds = max(1, math.ceil(end_s - time.time()))
+    detail = f"this {kind.removeprefix('refine ')} may have {item.amount} {what} per {_window(item)}"
+    return TooManyRequests(detail, headers={"Retry-After": str(seconds)}, limit=item.amount)
 
 
 def _pool_of(address: str) -> Any:

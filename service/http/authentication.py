@@ -15,6 +15,8 @@ __all__ = ["Authenticate"]
 SUBPROTOCOL = "adverb.bearer."
 """Prefix of the subprotocol by which a browser sends a key."""
 
+_UNSCOPED = (scopes.OPEN, scopes.ANY, scopes.METRICS, scopes.DOCS)
+
 _WITHOUT = {"WWW-Authenticate": 'Bearer realm="adverb"'}
 
 
@@ -41,22 +43,39 @@ class Authenticate:
         """Check one request or handshake, and pass it on."""
         if scope["type"] in ("http", "websocket"):
             try:
-                caller = scope[CALLER] = await self._caller(scope)
+                caller = scope[CALLER] = self._known(scope) or await self._caller(scope)
                 if self._limits is not None:
-                    await self._limits.request(caller, address_of(scope))
+                    await self._count(self._limits, caller, address_of(scope))
             except ServiceError as err:
                 await refuse(err, scope, receive, send)
                 return
         await self.app(scope, receive, send)
 
-    async def _caller(self, scope: Scope) -> Caller:
+    @staticmethod
+    async def _count(limits: Limits, caller: Caller, address: str) -> None:
+        if limits.counts_in_memory:
+            limits.count(caller, address)
+        else:
+            await limits.request(caller, address)
+
+    def _known(self, scope: Scope) -> Caller | None:
+        """The caller, where no key is needed or the key was found before; else None."""
         access = self._access
-        if access.loaded and not access.required:
+        if not access.loaded:
+            return None
+        if not access.required:
             return ANYONE
-        needed = scopes.needed(scope.get("method", "GET"), scope["path"])
+        caller = access.known(_key(scope))
+        if caller is not None:
+            self._check(caller, _needed(scope))
+        return caller
+
+    async def _caller(self, scope: Scope) -> Caller:
+        """The caller with the key of a request, which may have to be looked up; see :meth:`Access.find`."""
+        needed = _needed(scope)
         if needed in self._open:
             return ANYONE
-        if not access.loaded:
+        if not self._access.loaded:
             raise NotReady("keys are being loaded", headers={"Retry-After": "1"})
         key = _key(scope)
         if key is None:
@@ -64,10 +83,17 @@ class Authenticate:
                 "this server needs a key; send the header `Authorization: Bearer KEY` (`adverb keys create` makes one)",
                 headers=_WITHOUT,
             )
-        caller = await access.find(key)
-        if needed not in (scopes.ANY, scopes.METRICS, scopes.DOCS):
-            access.check(caller, needed)
+        caller = await self._access.find(key)
+        self._check(caller, needed)
         return caller
+
+    def _check(self, caller: Caller, needed: str) -> None:
+        if needed not in caller.scopes and needed not in _UNSCOPED:
+            self._access.check(caller, needed)
+
+
+def _needed(scope: Scope) -> str:
+    return scopes.needed(scope.get("method", "GET"), scope["path"])
 
 
 def _key(scope: Scope) -> str | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from service.upload.drafting.changes import SLACK_S
 from service.upload.drafting.document import Json, mend_of, mend_row, toml_of
 from service.upload.drafting.errors import InvalidDraft
 from verbs.authoring.reading import read_motions
@@ -78,9 +79,22 @@ def inspect(folder: Path, head: Json, clips: list[Json], *, look: bool) -> list[
             clip["mends"] = _offered(motion, clip["mends"], looping=bool(head.get("looping")))
         clip |= {"frames": len(motion), "fps": motion.fps, "duration": motion.duration_s}
         mended = _applied(clip, motion)
+        clip["keytimes"] = _fitted(clip, mended)
         clip |= {"start": mended.start_s, "end": mended.end_s}
         done.append((clip, mended))
     return done
+
+
+def _fitted(clip: Json, mended: Mended) -> list[float] | None:
+    """Keytimes within the mended motion; those at its earlier start or end stay there."""
+    if clip["keytimes"] is None:
+        return None
+    ends = [(clip["start"], mended.start_s), (clip["end"], mended.end_s)]
+    times = [
+        next((new for old, new in ends if old is not None and abs(time - old) < SLACK_S), time)
+        for time in clip["keytimes"]
+    ]
+    return [min(max(time, mended.start_s), mended.end_s) for time in times]
 
 
 def write_motions(done: list[tuple[Json, Mended]], path: Path) -> str:

@@ -178,6 +178,21 @@ async def test_mends_are_offered_and_switched(client, tmp_path):
     assert (await client.delete(url)).status_code == 204
 
 
+async def test_keytimes_at_the_ends_follow_a_trim_and_come_back(client, draft):
+    url, before = f"/v1/drafts/{draft['id']}", clip(draft, "reach_3")
+    apex = before["keytimes"][1]
+    trim = {"kind": "idle", "start": apex - 0.3, "end": apex + 0.3}
+    own = clip((await client.patch(url, json={"clips": {"reach_3": {"mends": [trim]}}})).json(), "reach_3")
+    assert own["keytimes"] == pytest.approx([own["start"], apex, own["end"]])
+    assert own["start"] > before["start"]
+    assert own["end"] < before["end"]
+    moved = {"keytimes": [own["start"], apex + 0.05, own["end"]]}
+    assert (await client.patch(url, json={"clips": {"reach_3": moved}})).status_code == 200
+    undone = {"mends": [{"index": own["mends"][-1]["index"], "apply": False}]}
+    again = clip((await client.patch(url, json={"clips": {"reach_3": undone}})).json(), "reach_3")
+    assert again["keytimes"] == pytest.approx([before["start"], apex + 0.05, before["end"]])
+
+
 async def test_a_further_proposal_keeps_what_was_decided(client, draft):
     url, (start, apex, end) = f"/v1/drafts/{draft['id']}", clip(draft, "reach_3")["keytimes"]
     clips = {"reach_3": {"keytimes": [start, apex + 0.05, end]}, "reach_5": {"excluded": True}}

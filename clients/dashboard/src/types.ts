@@ -5,7 +5,10 @@
  * and is stored in the URL.
  */
 
+import type { Object3D } from "three";
+import type { DraftRest } from "./drafts/types";
 import type { components } from "./generated/schema";
+import type { Palette } from "./scene/palette";
 
 export type Verb = components["schemas"]["VerbAnswer"];
 export type VerbSummary = components["schemas"]["VerbSummary"];
@@ -49,6 +52,10 @@ export interface View {
   /** Whether keys, gamepad or touch steer the character. */
   drive: boolean;
   panel: Panel;
+  /** Identifier of the open draft; empty: a verb is shown. */
+  draft: string;
+  /** Selected clip of the draft. */
+  clip: string;
   /** Camera position and target, x, y, z each; null: framed automatically. */
   camera: readonly number[] | null;
   /** Axes of the quality maps (empty: the first two adverbs) and the displayed quantity. */
@@ -125,6 +132,8 @@ export interface CrowdPlaces {
 export interface Stage {
   /** Switch to another verb: builds mannequins and frames the camera. */
   setVerb(verb: Verb): void;
+  /** Other examples, adverbs or measure with the joints of the displayed verb: draws the marks again. */
+  updateVerb(verb: Verb): void;
   /** Extreme positions of the verb's motion, m; the automatic camera frames them. */
   setExtent(points: readonly (readonly [number, number, number])[]): void;
   /** Ground of a verb whose cycle climbs; null: level ground. */
@@ -142,6 +151,12 @@ export interface Stage {
   /** Pixels covered by other elements at the top and at the bottom. */
   setInset(top: number, bottom: number): void;
   resetView(): void;
+  /** Further objects in the scene, which their owner disposes of. */
+  add(objects: Object3D): void;
+  /** Draw a frame, as after a change of added objects. */
+  requestDraw(): void;
+  /** Colours of the current theme. */
+  readonly palette: Palette;
   /** The goal was dragged to these adverbs, which may lie outside the domain; `done` at the release. */
   onGoal: (goal: Record<string, number>, done: boolean) => void;
   /** An example or pseudo-example was clicked. */
@@ -264,6 +279,8 @@ export interface Rest {
   poses(verb: string, request: PosesRequest, signal?: AbortSignal): Promise<PoseAnswer[]>;
   /** Whole sequence as binary records (docs/wire.md), of any stored version. */
   sequence(verb: string, request: SequenceRequest, signal?: AbortSignal): Promise<ArrayBuffer>;
+  /** Routes of drafts. */
+  readonly drafts: DraftRest;
   ready(signal?: AbortSignal): Promise<Ready>;
   /** Metrics in Prometheus text format. */
   metrics(signal?: AbortSignal): Promise<string>;

@@ -1,4 +1,4 @@
-import { Group, Scene, Vector3, type WebGLRenderer } from "three";
+import { Group, type Object3D, Scene, Vector3, type WebGLRenderer } from "three";
 import type { CrowdPlaces, Drawn, Incline, Picture, Role, Stage, Verb } from "../types";
 import { anatomyOf } from "./anatomy";
 import { CameraRig } from "./camera";
@@ -15,7 +15,7 @@ import { type Layout, layoutOf } from "./layout";
 import { Lights } from "./light";
 import { Marks } from "./marks";
 import { materials } from "./materials";
-import { paletteOf } from "./palette";
+import { type Palette, paletteOf } from "./palette";
 import { Pointer } from "./pointer";
 import { rendererOf } from "./renderer";
 import { SlopedGround } from "./slope";
@@ -85,26 +85,23 @@ class WebGLStage implements Stage {
     const surface = renderer.domElement;
     host.append(surface);
     this.#pointer = new Pointer(surface, this.#context(), this.#actions());
-    this.#rig = new CameraRig(surface, () => this.#requestDraw());
+    this.#rig = new CameraRig(surface, () => this.requestDraw());
     this.#rig.onCamera = (camera) => this.#driving || this.onCamera(camera);
     this.#labels = new StageLabels(host);
     this.#frame.add(this.#goal.group);
     this.#scene.add(this.#ground.group, this.#lights.group, this.#frame, this.#goal.effectorGroup);
     this.#resized = new ResizeObserver(() => this.#resize());
     this.#resized.observe(host);
-    surface.addEventListener("webglcontextrestored", () => this.#requestDraw());
+    surface.addEventListener("webglcontextrestored", () => this.requestDraw());
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
     this.#resize();
   }
 
   setVerb(verb: Verb): void {
     this.#clear();
-    this.#verb = verb;
-    this.#space = goalSpaceOf(verb);
-    this.#marks = new Marks(verb, this.#space);
-    this.#marks.show(this.#shownMarks);
+    const marks = this.#describe(verb);
     const anatomy = anatomyOf(verb.skeleton);
-    this.#layout = layoutOf(anatomy, verb, this.#marks.points);
+    this.#layout = layoutOf(anatomy, verb, marks.points);
     this.#feet = new Feet(anatomy);
     const { rows } = this.#layout;
     const { main, prepass, other } = this.#materials;
@@ -113,24 +110,27 @@ class WebGLStage implements Stage {
       comparison: new Figures(verb.skeleton, [prepass, other], rows, this.#crowdDetail.shapes(this.#detail)),
     };
     this.#scene.add(this.#figures.main.group, this.#figures.comparison.group, this.#feet.mesh);
-    this.#frame.add(this.#marks.group);
-    this.#effector = verb.measure.effector ? verb.skeleton.names.indexOf(verb.measure.effector) : -1;
-    this.#keytime = verb.keytime_phases[verb.keytime_names.indexOf(verb.measure.keytime ?? "")] ?? Number.NaN;
     this.#rig.setFrame(this.#layout.frame(1));
     this.#arrange();
     this.setTheme(this.#dark);
+  }
+
+  updateVerb(verb: Verb): void {
+    this.#describe(verb).setPalette(this.palette);
+    this.#arrange();
+    this.requestDraw();
   }
 
   setExtent(points: readonly V3[]): void {
     if (!this.#verb || !this.#marks) return;
     this.#layout = layoutOf(anatomyOf(this.#verb.skeleton), this.#verb, this.#marks.points, points);
     this.#rig.setFrame(this.#layout.frame(this.#figures?.main.count ?? 1));
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   setIncline(incline: Incline | null): void {
     this.#slope.set(incline);
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   show(role: Role, picture: Picture | null): void {
@@ -148,7 +148,7 @@ class WebGLStage implements Stage {
       if (this.#space?.kind === "jump") this.#goalFrame.updateJump(picture.phase, figures.positions, figures.rotations);
       if (before !== picture.count) this.#frameCrowd(picture.count);
     }
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   setGoal(goal: Adverbs): void {
@@ -159,13 +159,13 @@ class WebGLStage implements Stage {
   setMarks(marks: { hull: boolean; examples: boolean; pseudo: boolean }): void {
     this.#shownMarks = { ...marks };
     this.#marks?.show(marks);
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   setFollow(follow: boolean): void {
     this.#following = follow;
     this.#rig.follow(null, 0);
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   setDrive(drive: boolean): void {
@@ -188,23 +188,31 @@ class WebGLStage implements Stage {
     this.#marks?.setPalette(palette);
     this.#feet?.setPalette(palette);
     for (const part of [this.#ground, this.#lights, this.#goal]) part.setPalette(palette);
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   setCamera(camera: readonly number[] | null): void {
     if (this.#driving) this.#rig.chase(this.#origin(), this.#goalFrame.heading);
     else if (camera) this.#rig.set(camera);
     else this.#rig.reset(this.#origin());
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   setInset(top: number, bottom: number): void {
     this.#rig.setInset(top, bottom);
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   resetView(): void {
     this.setCamera(null);
+  }
+
+  add(objects: Object3D): void {
+    this.#scene.add(objects);
+  }
+
+  get palette(): Palette {
+    return paletteOf(this.#host, this.#dark);
   }
 
   dispose(): void {
@@ -244,7 +252,7 @@ class WebGLStage implements Stage {
       grabbed: (grabbed: boolean) => {
         this.#rig.controls.enabled = !grabbed;
         this.#goal.setGrabbed(grabbed ? "grabbed" : "near");
-        this.#requestDraw();
+        this.requestDraw();
       },
       dragged: (point: V3, done: boolean) => {
         if (!this.#verb || !this.#space) return;
@@ -255,7 +263,7 @@ class WebGLStage implements Stage {
       hovered: (mark: { known: ExamplePoint; at: Vector3 } | null) => {
         if (mark?.known === this.#hovered?.known) return;
         this.#hovered = mark;
-        this.#requestDraw();
+        this.requestDraw();
       },
       clicked: (known: ExamplePoint) => this.onExample(known.adverbs),
     };
@@ -264,7 +272,7 @@ class WebGLStage implements Stage {
   #showGoal(adverbs: Adverbs): void {
     this.#adverbs = { ...adverbs };
     this.#goal.put(adverbs, this.#verb?.measure.adverbs ?? []);
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   #frameCrowd(count: number): void {
@@ -295,6 +303,22 @@ class WebGLStage implements Stage {
     if (!this.#driving) this.#showGoal(this.#adverbs);
   }
 
+  /** Goal space, marks and measure of a verb; replaces earlier marks. */
+  #describe(verb: Verb): Marks {
+    const earlier = this.#marks;
+    this.#hovered = null;
+    this.#verb = verb;
+    this.#space = goalSpaceOf(verb);
+    this.#marks = new Marks(verb, this.#space);
+    this.#marks.show(this.#shownMarks);
+    this.#frame.add(this.#marks.group);
+    if (earlier) this.#frame.remove(earlier.group);
+    earlier?.dispose();
+    this.#effector = verb.measure.effector ? verb.skeleton.names.indexOf(verb.measure.effector) : -1;
+    this.#keytime = verb.keytime_phases[verb.keytime_names.indexOf(verb.measure.keytime ?? "")] ?? Number.NaN;
+    return this.#marks;
+  }
+
   #clear(): void {
     for (const role of Object.values(this.#figures ?? {})) {
       this.#scene.remove(role.group);
@@ -316,7 +340,7 @@ class WebGLStage implements Stage {
     this.#renderer.setPixelRatio(this.#crowdDetail.pixelRatio(this.#detail));
     this.#renderer.setSize(clientWidth, clientHeight, false);
     this.#rig.resize(clientWidth, clientHeight);
-    this.#requestDraw();
+    this.requestDraw();
   }
 
   /** Position of a character that travels; the origin for others. */
@@ -328,7 +352,7 @@ class WebGLStage implements Stage {
   }
 
   /** Request one animation frame. */
-  #requestDraw(): void {
+  requestDraw(): void {
     if (!this.#request) this.#request = requestAnimationFrame((now) => this.#draw(now));
   }
 
@@ -339,7 +363,7 @@ class WebGLStage implements Stage {
     if (main && this.#crowdDetail.adapt(main, this.#rig.camera.position, now)) this.#applyDetail();
     this.#drawnAt = now;
     const moving = this.#moveFrames(delta_s);
-    if (this.#rig.controls.update(delta_s) || moving) this.#requestDraw();
+    if (this.#rig.controls.update(delta_s) || moving) this.requestDraw();
     this.#placeOverlays();
     this.#renderer.render(this.#scene, this.#rig.camera);
     this.drawn.frames += 1;

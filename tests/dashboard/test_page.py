@@ -258,12 +258,12 @@ def test_the_readout_shows_the_live_distance_and_the_prediction(page):
     readout.get_by_text("Goal reached").wait_for()
 
 
-def test_a_folder_without_verb_toml_is_not_uploaded(page, tmp_path):
+def test_a_folder_without_clips_is_not_uploaded(page, tmp_path):
     (tmp_path / "notes.txt").write_text("nothing moves here")
     page.open(verb="reach")
     page.tab.get_by_role("tab", name="Upload").click()
     page.tab.locator("input[webkitdirectory]").set_input_files(tmp_path)
-    page.tab.get_by_text("contains no verb.toml").wait_for()
+    page.tab.get_by_text("No clips found").wait_for()
 
 
 def test_a_link_reopens_the_same_view(page):

@@ -33,6 +33,8 @@ const RETRY_MS = 2000;
 /** Interval at which the list of verbs is compared with the server. */
 const REFRESH_MS = 5000;
 const DIGITS = 4;
+/** Rate of the stream while a draft covers the figure, frames per second. */
+const BACKGROUND_FPS = 1;
 
 /** Events for the shell only: pictures to draw, notices, pause and connection state. */
 interface PageEvents extends AppEvents {
@@ -79,6 +81,7 @@ export class Page implements App {
     this.version = new VersionComparison(rest, (err) => this.comparisonFailed(err));
     this.version.onSettled = () => this.version.setTarget(this.store.view, this.verb);
     store.on(["verb"], () => void this.load());
+    store.on(["draft"], ({ draft }) => !draft && void this.reload());
     store.on(["goal"], () => this.completeGoal());
     this.drive = new Drive(this);
     this.drive.onActions = () => this.emitter.emit("actions", null);
@@ -110,6 +113,7 @@ export class Page implements App {
 
   /** Update the stream's target and request a picture; call once per animation frame. */
   frame(frameMs: number): void {
+    if (this.store.view.draft) return this.updateTarget();
     this.drive.frame();
     this.updateTarget();
     this.stream.draw(frameMs);
@@ -158,6 +162,7 @@ export class Page implements App {
     }
     const deleted = this.loaded && this.verb?.name === verb;
     const first = !this.loaded && !verb;
+    if (!verb && this.store.view.draft) return true;
     this.loaded = true;
     if (first && !this.reducedMotion && this.canDrive) {
       this.startDriving(false);
@@ -248,6 +253,7 @@ export class Page implements App {
     if (changed && this.reducedMotion && !view.playing && view.phase === 0)
       this.store.change({ phase: round(effectorPhase(verb) ?? 0.5) });
     this.emitter.emit("verb", verb);
+    this.completeGoal();
     this.updateTarget();
   }
 
@@ -260,9 +266,9 @@ export class Page implements App {
       verb: verb.name,
       method: view.method,
       names: verb.adverbs.map(({ name }) => name),
-      fps: view.fps,
+      fps: view.draft ? BACKGROUND_FPS : view.fps,
       encoding: view.encoding,
-      playing: view.playing && this.pauseAtGoal.phase === null,
+      playing: view.playing && !view.draft && this.pauseAtGoal.phase === null,
       speed: view.speed,
       loop: view.loop,
       seek: this.seekRequest,

@@ -54,7 +54,7 @@ function start(): void {
   );
   const hud = driveHud(page, () => stage?.drawn ?? null);
   scene.append(values, hud, overlay(page, scene), notices(page), find, bar);
-  document.body.append(header(page, help), scene, panel(page, verbTab(page, reset)), keys);
+  document.body.append(header(page, help), scene, panel(page, verbTab(page, reset)), draftPart(page, colours), keys);
   bindKeys(page, reset, help);
   page.drive.keyboard.listen(window);
   try {
@@ -75,6 +75,24 @@ function start(): void {
   };
   requestAnimationFrame(frame);
   addEventListener("pagehide", (event) => event.persisted || page.stop());
+}
+
+/** The open draft, loaded on demand; covers scene and panel. */
+function draftPart(page: Page, colours: ThemeController): HTMLElement {
+  const host = h("main", { className: "draft", "aria-label": "Draft" });
+  let close = () => {};
+  const show = async () => {
+    const { draft } = page.store.view;
+    close();
+    close = () => {};
+    document.documentElement.dataset.draft = draft ? "yes" : "no";
+    if (!draft) return;
+    const { mount } = await import("./drafts/view");
+    if (draft === page.store.view.draft) close = mount(host, page, colours);
+  };
+  page.store.on(["draft"], () => void show());
+  void show();
+  return host;
 }
 
 /** Distance between effector and goal in the last frame, m; null if one of them has no position. */
@@ -113,7 +131,7 @@ function join(page: Page, stage: Stage, colours: ThemeController, find: HTMLElem
     document.documentElement.dataset.drive = page.drive.active ? "yes" : "no";
     stage.setDrive(page.drive.active);
   };
-  bind(["drive", "verb"], drive);
+  bind(["drive", "verb", "draft"], drive);
   colours.on((isDark) => stage.setTheme(isDark));
   let moved = "";
   bind(["camera"], ({ camera }) => {

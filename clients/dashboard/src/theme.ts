@@ -20,10 +20,11 @@ export class ThemeController {
     return theme === "auto" ? this.system.matches : theme === "dark";
   }
 
-  /** Call `then` now and on every change. */
-  on(then: (dark: boolean) => void): void {
+  /** Call `then` now and on every change; returns the unsubscribe function. */
+  on(then: (dark: boolean) => void): () => void {
     this.listeners.add(then);
     then(this.dark);
+    return () => void this.listeners.delete(then);
   }
 
   private show(): void {

@@ -34,7 +34,7 @@ export class Drive {
   constructor(private readonly page: Host) {
     page.on("verb", (verb) => void this.prepare(verb));
     page.on("verbs", () => page.verb && void this.prepare(page.verb));
-    page.store.on(["drive", "verb"], () => {
+    page.store.on(["drive", "verb", "draft"], () => {
       this.steered = "";
       this.actions.clear();
     });
@@ -42,7 +42,7 @@ export class Drive {
 
   get active(): boolean {
     const { verb, store } = this.page;
-    return store.view.drive && this.axes !== null && verb?.name === store.view.verb;
+    return store.view.drive && !store.view.draft && this.axes !== null && verb?.name === store.view.verb;
   }
 
   /** Verb that interrupts the steered one. */

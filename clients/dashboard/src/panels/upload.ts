@@ -1,4 +1,4 @@
-/** Upload tab: a source folder, zip or artifact is uploaded, built by the server and shown. */
+/** Upload tab: clips become a draft; a source folder, zip or artifact is built by the server and published. */
 
 import { Problem } from "../api/rest";
 import { textOf } from "../app";
@@ -6,18 +6,19 @@ import { h } from "../shell/dom";
 import type { App, Upload, VerbSummary } from "../types";
 import { bytes } from "../units";
 import { Disposables } from "./parts/disposables";
-import { type FolderFile, readChosenFolder, readDroppedFolder, zipFolder } from "./parts/folder";
+import { draftList } from "./parts/draft_list";
+import { type FolderFile, isSource, readChosen, readDropped, zipClips, zipSource } from "./parts/folder";
 import { SerialQueue } from "./parts/serial_queue";
-import { readVerbName } from "./parts/verb_name";
+import { isZipOfClips, readVerbName } from "./parts/verb_name";
 
 const TICK_MS = 250;
+/** Files that hold a whole verb or folder. */
+const PACKED = /\.(zip|verb)$/i;
 
 const NEEDS = [
-  "verb.toml with the verb's name, and the motion files.",
-  "One BVH file per example, all with the same skeleton.",
-  "Adverbs: name, unit, and a value in every example.",
-  "Keytimes in seconds: the same names in the same order in every example.",
-  "For measured adverbs: the measure, its effector and its keytime.",
+  "Motion clips: BVH, GLB, glTF or npz, all with the same joints. Other lengths, units, axes and frame rates are found.",
+  "Without verb.toml they become a draft: keytimes and adverbs are proposed, and you correct them here.",
+  "With verb.toml the folder is built and published at once.",
 ];
 
 export function mount(host: HTMLElement, app: App): () => void {
@@ -32,9 +33,10 @@ export function mount(host: HTMLElement, app: App): () => void {
     list.prepend(status);
     return status;
   };
-  const enqueue = (file: File) => {
+  const enqueue = (file: File, clips: boolean) => {
     const status = addStatus();
     const task = async () => {
+      if (clips) return makeDraft(status, app, file, stop.signal);
       const expected = await confirmReplace(status, app, file);
       if (expected !== "no" && !stop.signal.aborted) await upload(status, app, file, expected, stop.signal);
     };
@@ -42,27 +44,33 @@ export function mount(host: HTMLElement, app: App): () => void {
   };
   const pack = async (files: FolderFile[] | Promise<FolderFile[]>) => {
     try {
-      enqueue(await zipFolder(await files));
+      const found = await files;
+      const source = isSource(found);
+      enqueue(await (source ? zipSource(found) : zipClips(found)), !source);
     } catch (err) {
       showError(addStatus(), err);
     }
   };
   const take = async (files: DataTransfer | FileList | null) => {
     const list = files instanceof DataTransfer ? files.files : files;
-    const file = list?.[0];
-    if (!file) return;
-    const entry = files instanceof DataTransfer ? files.items[0]?.webkitGetAsEntry() : null;
-    if (list.length > 1) showStatus(addStatus(), "bad", "Upload one verb at a time: one folder, zip or artifact.");
-    else if (entry?.isDirectory) await pack(readDroppedFolder(entry as FileSystemDirectoryEntry));
-    else enqueue(file);
+    const entries = files instanceof DataTransfer ? [...files.items].map((item) => item.webkitGetAsEntry()) : [];
+    const [file] = list ?? [];
+    if (!list || !file) return;
+    const packed = [...list].filter(({ name }) => PACKED.test(name));
+    if (packed.length === 0 && entries.every((entry) => entry !== null))
+      await pack(entries.length > 0 ? readDropped(entries) : readChosen(list));
+    else if (list.length > 1)
+      showStatus(addStatus(), "bad", "Upload one zip or artifact at a time, without other files.");
+    else enqueue(file, await isZipOfClips(file));
   };
   const folder = async (list: FileList | null) => {
-    if (list && list.length > 0) await pack(readChosenFolder(list));
+    if (list && list.length > 0) await pack(readChosen(list));
   };
   host.append(
     dropZone((files) => void take(files)),
     folderPicker((list) => void folder(list)),
     list,
+    draftList(app, disposables),
     needs(),
   );
   disposables.add(() => stop.abort());
@@ -72,7 +80,8 @@ export function mount(host: HTMLElement, app: App): () => void {
 function dropZone(take: (files: DataTransfer | FileList | null) => void): HTMLElement {
   const input = h("input", {
     type: "file",
-    accept: ".zip,.verb,application/zip",
+    accept: ".bvh,.glb,.gltf,.bin,.npz,.csv,.zip,.verb,application/zip",
+    multiple: true,
     className: "visually-hidden",
     onchange: () => {
       take(input.files);
@@ -95,8 +104,8 @@ function dropZone(take: (files: DataTransfer | FileList | null) => void): HTMLEl
       },
     },
     input,
-    h("strong", {}, "Drop a verb here or choose a file"),
-    h("span", { className: "quiet" }, "source folder, zip of a source folder, or .verb file"),
+    h("strong", {}, "Drop clips or a verb here, or choose files"),
+    h("span", { className: "quiet" }, "clips (BVH, GLB, glTF, npz), a folder, a zip, or a .verb file"),
   );
   return zone;
 }
@@ -126,7 +135,7 @@ function needs(): HTMLElement {
   return h(
     "section",
     {},
-    h("h2", {}, "Contents of a source folder"),
+    h("h2", {}, "What can be uploaded"),
     h("ul", { className: "needs" }, ...NEEDS.map((line) => h("li", {}, line))),
     docs,
   );
@@ -169,6 +178,31 @@ async function upload(
   expected: number | undefined,
   stop: AbortSignal,
 ): Promise<void> {
+  await withProgress(status, file, "Building", stop, async (progress, signal) => {
+    const made = await app.rest.upload(file, progress, signal, expected);
+    await app.reload();
+    showResult(status, app, made);
+  });
+}
+
+/** Upload clips as a draft and open it. */
+async function makeDraft(status: HTMLElement, app: App, file: File, stop: AbortSignal): Promise<void> {
+  const name = file.name.replace(/\.zip$/i, "");
+  await withProgress(status, file, "Reading clips and proposing keytimes", stop, async (progress, signal) => {
+    const { id } = await app.rest.drafts.create(file, name, progress, signal);
+    app.store.change({ draft: id, clip: "" }, true);
+    status.remove();
+  });
+}
+
+/** Show the progress of an upload, then the time that the server takes; `task` replaces it by its result. */
+async function withProgress(
+  status: HTMLElement,
+  file: File,
+  work: string,
+  stop: AbortSignal,
+  task: (progress: (share: number) => void, signal: AbortSignal) => Promise<void>,
+): Promise<void> {
   const text = h("span", {});
   const bar = h("progress", { max: 1, value: 0, "aria-label": "Upload" });
   const cancel = new AbortController();
@@ -178,7 +212,7 @@ async function upload(
   let sentMs = 0;
   const show = () => {
     if (share < 1) text.textContent = `Uploading ${file.name}, ${(100 * share).toFixed(0)} % of ${bytes(file.size)}`;
-    else text.textContent = `Building… ${((performance.now() - sentMs) / 1000).toFixed(0)} s`;
+    else text.textContent = `${work}… ${((performance.now() - sentMs) / 1000).toFixed(0)} s`;
     if (share < 1) bar.value = share;
     else bar.removeAttribute("value");
   };
@@ -189,9 +223,7 @@ async function upload(
   };
   const timer = setInterval(show, TICK_MS);
   try {
-    const made = await app.rest.upload(file, progress, AbortSignal.any([cancel.signal, stop]), expected);
-    await app.reload();
-    showResult(status, app, made);
+    await task(progress, AbortSignal.any([cancel.signal, stop]));
   } catch (err) {
     showError(status, err);
   } finally {

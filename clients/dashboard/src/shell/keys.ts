@@ -46,6 +46,7 @@ export function bindKeys(page: Page, resetView: () => void, help: () => void): v
   };
   document.addEventListener("keydown", (event) => {
     const target = event.target instanceof Element ? event.target : document.body;
+    if (page.store.view.draft && event.key !== "?") return; // drafts have their own keys
     if (event.ctrlKey || event.metaKey || event.altKey || target.closest(TYPING)) return;
     if (event.key === " " && target.closest("button, [type=checkbox], summary, a")) return;
     const verb = /^[1-9]$/.test(event.key) ? page.verbs[Number(event.key) - 1] : undefined;

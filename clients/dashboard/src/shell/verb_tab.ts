@@ -3,6 +3,7 @@
 import type { Page } from "../app";
 import { BOUNDS } from "../store";
 import type { View } from "../types";
+import { addClip } from "./add_clip";
 import { adverbs } from "./adverbs";
 import { h, toggle } from "./dom";
 
@@ -40,6 +41,8 @@ export function verbTab(page: Page, resetView: () => void): HTMLElement {
       detail(page),
     ),
     h("button", { type: "button", onclick: resetView, title: "Reset view (r)" }, "Reset view"),
+    h("h2", {}, "Examples"),
+    addClip(page),
   );
 }
 

@@ -5,6 +5,7 @@ import { unzipSync } from "fflate";
 const LONGEST_HEADER = 16 * 1024 * 1024;
 const LONGEST_TOML = 1024 * 1024;
 const TOML = /^(?!__MACOSX\/)(.*\/)?verb\.toml$/;
+const CLIP = /\.(bvh|glb|gltf|npz)$/i;
 
 export async function readVerbName(file: Blob): Promise<string | null> {
   try {
@@ -13,6 +14,25 @@ export async function readVerbName(file: Blob): Promise<string | null> {
   } catch {
     return null;
   }
+}
+
+/** Whether a file is a zip of clips without `verb.toml`. */
+export async function isZipOfClips(file: Blob): Promise<boolean> {
+  const start = new Uint8Array(await file.slice(0, 2).arrayBuffer());
+  if (start[0] !== 0x50 || start[1] !== 0x4b) return false;
+  let [clips, source] = [false, false];
+  try {
+    unzipSync(new Uint8Array(await file.arrayBuffer()), {
+      filter: ({ name }) => {
+        clips ||= CLIP.test(name);
+        source ||= TOML.test(name);
+        return false;
+      },
+    });
+  } catch {
+    return false; // the server reports the reason
+  }
+  return clips && !source;
 }
 
 /** An artifact is a safetensors file: header length, then a JSON header. See docs/artifact.md. */

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["KNOWN", "dimension", "known_of", "quantity", "si"]
+__all__ = ["KNOWN", "SI_UNITS", "dimension", "known_of", "quantity", "si"]
 
 _UNITS = {
     "m": ("length", 1.0),
@@ -24,6 +24,9 @@ _UNITS = {
     "none": ("none", 1.0),
     "1": ("none", 1.0),
 }
+
+SI_UNITS = {"length": "m", "angle": "rad", "speed": "m/s", "angular speed": "rad/s", "time": "s"}
+"""Unit of each dimension in SI."""
 
 KNOWN = tuple(_UNITS)
 """Units that an adverb may be declared in; the empty text means ``none``."""

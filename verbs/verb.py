@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from verbs.adverb_measure import AdverbMeasure, error_unit
 from verbs.contacts import Contacts
 from verbs.conventions import F32, F64, I64, MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, freeze
 from verbs.errors import IllPosedVerb, UnknownName
@@ -202,6 +203,8 @@ class Measure:
     frame : (3, m) float64
         A position goal is origin + frame · measured adverbs, metres; for other kinds the diagonal holds SI per unit of
         each measured adverb.
+    rows : tuple of AdverbMeasure, length m
+        What each measured adverb names for itself; empty for other kinds. Origin and frame are then zero.
     """
 
     kind: int
@@ -210,6 +213,7 @@ class Measure:
     axes: I64
     origin: F64
     frame: F64
+    rows: tuple[AdverbMeasure, ...] = ()
 
     def __post_init__(self) -> None:
         freeze(self)
@@ -217,6 +221,8 @@ class Measure:
     @property
     def unit(self) -> str:
         """Unit of the error."""
+        if self.kind == measures.ADVERBS:
+            return error_unit(self.rows)
         return {measures.NOTHING: "", measures.VELOCITY: "m/s"}.get(self.kind, "m")
 
 
@@ -343,6 +349,11 @@ class Verb:
             measure.kind != measures.VELOCITY or self.root_motion == poses.STRIDE,
             "root velocity needs strides",
         )
+        own = measure.kind == measures.ADVERBS
+        _check(len(measure.rows) == (len(measure.axes) if own else 0), "measures of adverbs")
+        _check(not own or 1 <= len(measure.rows) == len(set(measure.axes.tolist())), "an adverb measured twice")
+        for row in measure.rows:
+            row.check(joints, self.intervals)
 
     @property
     def intervals(self) -> int:

@@ -19,6 +19,7 @@ from verbs.kernels import radial_basis
 from verbs.kernels.chart import ChartArrays
 from verbs.kernels.columns import BATCH
 from verbs.kernels.compile import direct
+from verbs.kernels.corrected_adverbs import correct_adverbs
 from verbs.kernels.corrected_position import PositionProblem, correct_positions
 from verbs.kernels.corrected_velocity import correct_velocities
 from verbs.kernels.position_batch import correct_positions_batch
@@ -30,13 +31,16 @@ __all__ = ["SATURATION", "STEPS", "Corrected"]
 _correct_positions, _correct_positions_batch = direct(correct_positions), direct(correct_positions_batch)
 _cardinal_batch = direct(radial_basis.cardinal_batch)
 _correct_jumps = direct(kernels.correct_jumps)
-_correct_velocities = direct(correct_velocities)
+_correct_velocities, _correct_adverbs = direct(correct_velocities), direct(correct_adverbs)
 
 SATURATION = 0.15
 """Longest step's residual, as a share of the greatest distance between two examples' goals."""
 
 STEPS = 8
 """Most steps. Six were enough in every measurement; the others are margin, which costs nothing while unused."""
+
+OWN_STEPS = 40
+"""Most steps where adverbs name their own measures: several goals at once are farther from linear."""
 
 STOP = 1e-10
 """Residual (m, or ranges) at which correction ends; far below what is visible."""
@@ -79,8 +83,11 @@ class Corrected:
         span = points.max(axis=0) - points.min(axis=0)
         if verb.measure.kind == measures.VELOCITY:
             scale, damping = 1.0 / np.where(span > 0, span, 1.0), DAMPING_RANGES
+        elif verb.measure.kind == measures.ADVERBS and verb.measure.unit != "m":
+            scale, damping, steps = _by_dimension(verb, span), DAMPING_RANGES, max(steps, OWN_STEPS)
         else:
-            scale, damping = np.ones(3), DAMPING_M2
+            scale, damping = np.ones(goal.width), DAMPING_M2
+            steps = max(steps, OWN_STEPS) if verb.measure.kind == measures.ADVERBS else steps
         # The farthest pair, not the bounding box: a rotation of the whole verb must change nothing.
         size = float(pdist(scale * points).max())
         correction = kernels.Correction(directions, scale, SATURATION * size, damping, STOP, steps)
@@ -99,7 +106,7 @@ class Corrected:
         return weights
 
     def correct(self, weights: F64, goals: F64) -> None:
-        """Correct C-contiguous weights (B, N) in place toward goals (B, 3)."""
+        """Correct C-contiguous weights (B, N) in place toward goals (B, P), as :class:`Goal` makes them."""
         goal, kind = self.goal, self.goal.verb.measure.kind
         goals = np.ascontiguousarray(goals, np.float64)
         if kind == measures.POSITION:
@@ -111,6 +118,8 @@ class Corrected:
             _correct_jumps(weights, goals, self.linear)
         elif kind == measures.VELOCITY:
             _correct_velocities(weights, goals, self.correction, goal.cycle)
+        elif goal.own is not None:
+            _correct_adverbs(weights, goals, self.correction, goal.own)
 
     def problem(self) -> PositionProblem:
         """Arrays with which one compiled call does everything, for a verb that is measured by a joint's position."""
@@ -123,6 +132,13 @@ class Corrected:
         return PositionProblem(
             domain, basis, own_chart, self.correction, goal.chain, goal.space, sums, to_sums, to_weights
         )
+
+
+def _by_dimension(verb: Verb, span: F64) -> F64:
+    """Reciprocal of the widest range of each adverb's dimension (m,), so that those of one dimension share a scale."""
+    dimensions = np.array([row.dimension for row in verb.measure.rows])
+    widest = np.array([span[dimensions == one].max() for one in dimensions])
+    return np.asarray(1.0 / np.where(widest > 0, widest, 1.0))
 
 
 def _equal(one: ChartArrays, other: ChartArrays) -> bool:

@@ -17,6 +17,7 @@ from verbs.kernels.compile import kernel
 from verbs.kernels.root_velocity import Cycle
 
 __all__ = [
+    "ADVERBS",
     "JUMP",
     "MEASURES",
     "NOTHING",
@@ -29,10 +30,11 @@ __all__ = [
     "root_velocities",
 ]
 
-NOTHING, POSITION, JUMP, VELOCITY = range(4)
+NOTHING, POSITION, JUMP, VELOCITY, ADVERBS = range(5)
 
-MEASURES = {"none": NOTHING, "joint_position": POSITION, "jump": JUMP, "root_velocity": VELOCITY}
-"""Measure numbers as the artifact stores them; never renumber."""
+MEASURES = {"none": NOTHING, "joint_position": POSITION, "jump": JUMP, "root_velocity": VELOCITY, "adverbs": ADVERBS}
+"""Measure numbers as the artifact stores them; never renumber. With ``adverbs`` each adverb names a measure of its own,
+see :mod:`verbs.kernels.adverb_measures`; such verbs are stored as ``none`` with more facts."""
 
 
 class GoalSpace(NamedTuple):

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from verbs.adverb_measure import Span
 from verbs.authoring import apex, basis, charts, curves
 from verbs.authoring.measuring import measure_of
 from verbs.authoring.mending import mended
+from verbs.authoring.own_measures import centred, needs_stances, stances_of
 from verbs.authoring.reading import Progress, read_motions
 from verbs.authoring.source import TAILS, Source, SourceExample, read
 from verbs.authoring.stated_contacts import contacts_of
@@ -169,7 +171,7 @@ def assemble(source: Source, motions: list[Motion], *, progress: Progress | None
     report("fitting curves", 1, 1)
     report("solving the basis", 0, 1)
     stored = np.array([example.values for example in source.examples])
-    draft = _draft(source, motions[0], keytimes - keytimes[:, :1], phases, fitted, stored, root_motion, mode)
+    draft = centred(_draft(source, motions, keytimes, phases, fitted, stored, root_motion, mode))
     values, warnings, worst = _measured_values(draft, stored)
     fields, reason = _bases(source, draft, values)
     verb = replace(draft, values=values, adverbs=_ranges(draft.adverbs, draft.measure, values), **fields)
@@ -206,7 +208,7 @@ def _checked_keytimes(source: Source, example: SourceExample, motion: Motion) ->
 
 def _draft(
     source: Source,
-    motion: Motion,
+    motions: list[Motion],
     keytimes: F64,
     phases: F64,
     fitted: curves.Curves,
@@ -215,7 +217,12 @@ def _draft(
     mode: int,
 ) -> Verb:
     """The verb with the adverbs that its source states, before they are measured."""
-    measure = measure_of(source, motion)
+    stances: tuple[Span, ...] = ()
+    if needs_stances(source):
+        plain = replace(source, adverbs=tuple(replace(a, measure=None) for a in source.adverbs), measure="none")
+        bare = _draft(plain, motions, keytimes, phases, fitted, stored, root_motion, mode)
+        stances = stances_of(contacts_of(source, bare, motions, keytimes))
+    measure = measure_of(source, motions, keytimes, phases, stances)
     adverbs = tuple(Adverb(a.name, a.unit, a.description, a.style, 0.0, 0.0) for a in source.adverbs)
     examples = tuple(example.name for example in source.examples)
     chart = charts.plain(source, measure, stored)
@@ -225,12 +232,12 @@ def _draft(
         name=source.name,
         description=source.description,
         looping=source.looping,
-        skeleton=motion.skeleton,
+        skeleton=motions[0].skeleton,
         adverbs=_ranges(adverbs, measure, stored),
         examples=examples,
         values=stored,
         keytime_names=source.keytime_names,
-        keytimes=keytimes,
+        keytimes=keytimes - keytimes[:, :1],
         phases=phases,
         curves=fitted.curves,
         references=fitted.references,

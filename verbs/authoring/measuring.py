@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from verbs.adverb_measure import Span
 from verbs.authoring import apex
+from verbs.authoring.own_measures import own_measure
 from verbs.authoring.source import Source
 from verbs.conventions import F64, I64
 from verbs.errors import SourceError, UnknownName
@@ -22,8 +24,20 @@ _DIMENSIONS = {
 }
 
 
-def measure_of(source: Source, motion: Motion) -> Measure:
-    """The measure that verb.toml names, for the skeleton of a motion.
+def measure_of(
+    source: Source, motions: list[Motion], keytimes: F64, phases: F64, stances: tuple[Span, ...] = ()
+) -> Measure:
+    """The measure that verb.toml names.
+
+    Parameters
+    ----------
+    source : Source
+    motions : list of Motion, length N
+        With one skeleton.
+    keytimes, phases : (N, M), (M,) float64
+        Seconds from the start of each file, and their canonical phases.
+    stances : tuple of Span
+        Where feet stand in every example.
 
     Raises
     ------
@@ -33,9 +47,11 @@ def measure_of(source: Source, motion: Motion) -> Measure:
     axes = np.array([k for k, adverb in enumerate(source.adverbs) if not adverb.style], np.int64)
     kind, zero = measures.MEASURES[source.measure], np.zeros(3)
     try:
-        effector = motion.skeleton.index(source.effector) if source.effector else 0
+        effector = motions[0].skeleton.index(source.effector) if source.effector else 0
     except UnknownName as err:
         raise SourceError(source.path, f"effector: {err}") from err
+    if kind == measures.ADVERBS:
+        return own_measure(source, motions, keytimes, phases, effector, stances)
     if kind == measures.NOTHING:
         return Measure(kind, effector, -1, axes[:0], zero, np.zeros((3, 0)))
     if (kind == measures.VELOCITY) != source.looping:

@@ -23,6 +23,17 @@ __all__ = ["mirror_source"]
 _AXES = ("up_axis", "forward_axis")
 """Keys that are left out: what is written has +Y up and +Z forward."""
 
+_SIDEWAYS = {
+    "position": ("x",),
+    "velocity": ("x",),
+    "angular_velocity": ("y", "z"),  # an axial vector
+    "orientation": ("yaw", "roll", "azimuth"),
+    "displacement": ("x", "direction"),
+    "root_motion": ("sideways", "turn"),
+    "foot_speed": ("sideways",),
+}
+"""Axes of each kind of measure that change their sign."""
+
 _UNSAFE = re.compile(r"[^\w .-]")
 """What is not taken from the name of a clip into that of its file."""
 
@@ -97,7 +108,8 @@ def _mirrored_table(
     out = {key: value for key, value in out.items() if key not in _AXES}
     for key in {"effector", "root"} & out.keys():
         out[key] = other(out[key])
-    out["keytime_names"] = [_WORD.sub(lambda found: _OTHER[found.group()], name) for name in source.keytime_names]
+    out["keytime_names"] = [_exchanged(name) for name in source.keytime_names]
+    out["adverb"] = [_mirrored_adverb(row, other) for row in out["adverb"]]
     for key in {"contact", "mend"} & out.keys():
         out[key] = [_mirrored_row(row, other) for row in out[key]]
     signs = _signs(source)
@@ -122,6 +134,25 @@ def _mirrored_row(row: dict[str, Any], other: Any) -> dict[str, Any]:
     return out
 
 
+def _exchanged(text: str) -> str:
+    """A name with left and right exchanged."""
+    return _WORD.sub(lambda found: _OTHER[found.group()], text)
+
+
+def _mirrored_adverb(row: dict[str, Any], other: Any) -> dict[str, Any]:
+    """An ``[[adverb]]`` table of the mirror image."""
+    if "measure" not in row:
+        return row
+    measure = dict(row["measure"])
+    for key in {"joint", "toward"} & measure.keys():
+        measure[key] = other(measure[key])
+    if "at" in measure:
+        measure["at"] = _exchanged(measure["at"])
+    if "between" in measure:
+        measure["between"] = [_exchanged(name) for name in measure["between"]]
+    return {**row, "measure": measure}
+
+
 def _flipped(vector: list[float]) -> list[float]:
     return [-vector[0] + 0.0, *vector[1:]]
 
@@ -137,4 +168,7 @@ def _signs(source: Source) -> list[float]:
         signs[measured[1]] = -1.0
     elif source.measure == "root_velocity":
         signs[measured[1]] = signs[measured[2]] = -1.0
+    for k, adverb in enumerate(source.adverbs):
+        if adverb.measure is not None:
+            signs[k] = -1.0 if adverb.measure.axis in _SIDEWAYS.get(adverb.measure.kind, ()) else 1.0
     return signs

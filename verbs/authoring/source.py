@@ -14,13 +14,14 @@ from typing import Any
 
 from verbs import units
 from verbs.authoring.source_contacts import SourceContact, read_contacts
+from verbs.authoring.source_measures import SourceMeasure, check_mixing, read_measure
 from verbs.authoring.source_mends import SourceMend, SourceRetarget, read_mends, read_retarget
 from verbs.clips.orientation import AXES
 from verbs.conventions import MAX_ADVERBS, MAX_EXAMPLES, MAX_KEYS, MAX_KEYTIMES, MAX_MAGNITUDE, METRES_PER_UNIT
 from verbs.errors import SourceError
 from verbs.io.joint_tracks import STRETCH_M
 from verbs.kernels.chart import CHARTS
-from verbs.kernels.measure import MEASURES
+from verbs.kernels.measure import ADVERBS, MEASURES
 from verbs.verb import NAME
 
 __all__ = ["Source", "SourceAdverb", "SourceExample", "parse", "read"]
@@ -28,6 +29,9 @@ __all__ = ["Source", "SourceAdverb", "SourceExample", "parse", "read"]
 MAX_TOML_BYTES = 4 * 1024 * 1024
 
 ROTATIONS = ("quaternion", "rotation_vector")
+
+VERB_MEASURES = tuple(name for name, number in MEASURES.items() if number != ADVERBS)
+"""Measures of a whole verb; where adverbs name measures of their own, the source has the measure ``adverbs``."""
 
 TAILS = ("constant", "affine")
 """Polynomial parts of the smooth basis, by degree."""
@@ -39,7 +43,7 @@ _KEYS = {
 }  # fmt: skip
 
 _TABLE_KEYS = {
-    "adverb": {"name", "unit", "description", "style"},
+    "adverb": {"name", "unit", "description", "style", "measure"},
     "example": {"file", "clip", "keytimes", "adverb_values"},
     "units": {"length", "time", "adverb_angle", "up_axis", "forward_axis"},
     "goal": {"origin", "axes"},
@@ -56,12 +60,13 @@ _CLOSE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class SourceAdverb:
-    """One ``[[adverb]]``: name, unit, description, and whether it is a style adverb."""
+    """One ``[[adverb]]``: name, unit, description, whether it is a style adverb, and the measure that it names."""
 
     name: str
     unit: str
     description: str
     style: bool
+    measure: SourceMeasure | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,18 +166,21 @@ def _misspelled(table: Mapping[str, Any]) -> tuple[str, ...]:
 def _read(path: Path, table: dict[str, Any]) -> Source:
     """The source of a parsed ``verb.toml``, checked."""
     reader = _Reader(path)
-    adverbs = tuple(_adverb(reader, row, k) for k, row in enumerate(reader.tables(table, "adverb", MAX_ADVERBS)))
+    keytime_names = reader.names(table, "keytime_names")
+    rows = reader.tables(table, "adverb", MAX_ADVERBS)
+    adverbs = tuple(_adverb(reader, row, k, keytime_names) for k, row in enumerate(rows))
     names = [adverb.name for adverb in adverbs]
     if len(set(names)) != len(names):
         raise SourceError(path, f"two adverbs have the same name among {', '.join(names)}; give each its own")
-    keytime_names = reader.names(table, "keytime_names")
+    own = [adverb.measure is not None for adverb in adverbs]
+    check_mixing(path, table, names, own, [adverb.style for adverb in adverbs])
     rows = reader.tables(table, "example", MAX_EXAMPLES)
     examples = tuple(_example(reader, row, k, len(names), keytime_names) for k, row in enumerate(rows))
     _check_examples(path, examples)
     name = reader.text(table, "name")
     if not NAME.fullmatch(name):
         raise SourceError(path, f"name '{name}' must be lower-case letters, digits, '-' and '_', a letter first")
-    measure = reader.choice(table, "measure", tuple(MEASURES), default="none")
+    measure = "adverbs" if any(own) else reader.choice(table, "measure", VERB_MEASURES, default="none")
     effector_keytime = reader.integer(table, "effector_keytime_index", default=-1)
     if not -1 <= effector_keytime < len(keytime_names):
         raise SourceError(
@@ -304,7 +312,7 @@ class _Reader:
 _KIND_NAMES: dict[type, str] = {str: "a string", bool: "true or false", int: "an integer", list: "a list"}
 
 
-def _adverb(reader: _Reader, row: dict[str, Any], index: int) -> SourceAdverb:
+def _adverb(reader: _Reader, row: dict[str, Any], index: int, keytimes: tuple[str, ...]) -> SourceAdverb:
     name = reader.text(row, "name", default="")
     if not name.isidentifier() or len(name) > 63:
         raise SourceError(
@@ -320,6 +328,7 @@ def _adverb(reader: _Reader, row: dict[str, Any], index: int) -> SourceAdverb:
         unit,
         reader.text(row, "description", default=""),
         reader.flag(row, "style", default=False),
+        read_measure(reader.path, row, name, unit, keytimes),
     )
 
 

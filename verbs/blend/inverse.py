@@ -118,6 +118,10 @@ class Inverse:
         if len(wanted) > 1 or not constraints or k < 1:
             raise OutOfRange("inverse blending needs k ≥ 1 and a constraint, of which at most one is the goal")
         goal, kind = Goal.of_verb(verb), verb.measure.kind
+        if wanted and kind == measures.ADVERBS:
+            raise OutOfRange(
+                "the goal of adverbs that name measures of their own is no point; constrain joints instead"
+            )
         leaps = bool(wanted) and kind == measures.JUMP
         unmeasured = tuple(a for a in range(len(verb.adverbs)) if wanted and a not in verb.measure.axes)
         points = [c for c in constraints if c.kind != "goal" or kind in (measures.POSITION, measures.VELOCITY)]

@@ -32,11 +32,15 @@ class Method(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """How to prepare a method, the basis that it needs, and whether it needs something to measure."""
+    """How to prepare a method, the basis that it needs, and whether it needs something to measure.
+
+    ``points`` tells whether it needs one point that all measured adverbs describe together.
+    """
 
     make: Callable[[Verb], Method]
     basis: str = "rbf"
     measured: bool = False
+    points: bool = False
 
 
 METHODS: dict[str, Row] = {
@@ -47,7 +51,7 @@ METHODS: dict[str, Row] = {
     "hybrid": Row(Hybrid.of_verb, measured=True),
     "barycentric": Row(Barycentric.of_verb),
     "knn": Row(Knn.of_verb),
-    "inverse": Row(Inverse.of_verb),
+    "inverse": Row(Inverse.of_verb, points=True),
     "corrected": Row(Corrected.of_verb, basis="smooth", measured=True),
 }
 """Every method by name."""
@@ -69,6 +73,8 @@ def _missing(row: Row, verb: Verb) -> str | None:
         return f"a basis '{row.basis}', which verb '{verb.name}' does not have: build it again with this version"
     if row.measured and verb.measure.kind == measures.NOTHING:
         return f"something to measure, and verb '{verb.name}' has style adverbs only"
+    if row.points and verb.measure.kind == measures.ADVERBS:
+        return f"one point that all adverbs describe, and those of verb '{verb.name}' name measures of their own"
     return None
 
 

@@ -122,8 +122,9 @@ def info_command(verb: VerbArgument, as_json: Json = False) -> None:
     )
     for column in ("adverb", "from", "to", "unit", "meaning"):
         table.add_column(column, overflow="fold", justify="right" if column in ("from", "to") else "left")
-    for adverb in loaded.adverbs:
-        meaning = adverb.description + (" (style)" if adverb.style else "")
+    for k, adverb in enumerate(loaded.adverbs):
+        measure = describe.own_measure_text(loaded, k)
+        meaning = "; ".join(filter(None, [adverb.description, measure])) + (" (style)" if adverb.style else "")
         table.add_row(adverb.name, f"{adverb.minimum:.3f}", f"{adverb.maximum:.3f}", adverb.unit, meaning)
     out.print(table)
     low, high = loaded.keytimes[:, -1].min(), loaded.keytimes[:, -1].max()

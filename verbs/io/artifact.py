@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import save as serialize
 
+from verbs.adverb_measure import AdverbMeasure, Span
 from verbs.contacts import Contacts
-from verbs.conventions import F64
+from verbs.conventions import F64, MAX_ADVERBS, MAX_KEYS, MAX_MAGNITUDE
 from verbs.errors import ArtifactCorrupt, ArtifactError, ArtifactVersionError, VerbError
 from verbs.kernels import measure as measures
 from verbs.skeleton import Skeleton
@@ -124,7 +125,12 @@ def _facts(verb: Verb) -> dict[str, Any]:
         "keytime_names": list(verb.keytime_names),
         "rotation_mode": verb.rotation_mode,
         "root_motion": verb.root_motion,
-        "measure": {"kind": measure.kind, "effector": measure.effector, "keytime": measure.keytime},
+        "measure": {
+            "kind": measures.NOTHING if measure.rows else measure.kind,
+            "effector": measure.effector,
+            "keytime": measure.keytime,
+        },
+        **({"measured": [_measured(*pair) for pair in _pairs(measure)]} if measure.rows else {}),
         "domain": {"chart": verb.domain.chart.kind, "sharpness": verb.domain.sharpness},
         "bases": {
             name: {
@@ -140,6 +146,23 @@ def _facts(verb: Verb) -> dict[str, Any]:
     }
 
 
+def _pairs(measure: Measure) -> list[tuple[int, AdverbMeasure]]:
+    return list(zip(measure.axes.tolist(), measure.rows, strict=True))
+
+
+def _measured(axis: int, row: AdverbMeasure) -> dict[str, Any]:
+    """The measure of one adverb, as JSON values; readers that do not know it find a verb without a measure."""
+    return {
+        "adverb": axis,
+        "kind": row.kind,
+        "axis": row.axis,
+        "spans": [[span.joint, span.begin] + [span.end] * (span.end is not None) for span in row.spans],
+        "factor": row.factor,
+        "center": row.center,
+        "base": list(row.base),
+    }
+
+
 def _format(verb: Verb) -> int:
     """Least version of the layout that a verb needs: readers of 1 take a jump's and a walk's adverbs to be in SI."""
     measure = verb.measure
@@ -152,8 +175,8 @@ def _arrays(verb: Verb) -> Arrays:
     arrays: Arrays = {
         "curves": verb.curves,
         "keytimes": verb.keytimes,
-        "measure.axes": measure.axes,
-        "measure.frame": measure.frame,
+        "measure.axes": measure.axes[:0] if measure.rows else measure.axes,
+        "measure.frame": measure.frame[:, :0] if measure.rows else measure.frame,
         "measure.origin": measure.origin,
         "phases": verb.phases,
         "references": verb.references,
@@ -270,6 +293,45 @@ def _contacts(arrays: Arrays) -> Contacts | None:
     return Contacts(**{key: arrays[f"contacts.{key}"] for key in _CONTACTS})
 
 
+def _measure(arrays: Arrays, facts: dict[str, Any]) -> Measure:
+    fields: dict[str, Any] = {key: arrays[f"measure.{key}"] for key in ("axes", "origin", "frame")}
+    measure = Measure(**facts["measure"], **fields)
+    if "measured" not in facts:
+        return measure
+    rows = facts["measured"]
+    if measure.kind != measures.NOTHING or not isinstance(rows, list) or not 1 <= len(rows) <= MAX_ADVERBS:
+        raise ValueError("measured adverbs")
+    axes = np.array([_integer(row["adverb"]) for row in rows], np.int64)
+    own = tuple(_own(row) for row in rows)
+    return Measure(measures.ADVERBS, measure.effector, -1, axes, np.zeros(3), np.zeros((3, len(rows))), own)
+
+
+def _own(row: dict[str, Any]) -> AdverbMeasure:
+    """The measure of one adverb; its values are checked with the verb."""
+    spans = []
+    for span in row["spans"]:
+        joint, begin, *end = span
+        spans.append(Span(_integer(joint), _number(begin), *map(_number, end)))
+    x, y, z, w = map(_number, row["base"])
+    if not isinstance(row["kind"], str) or not isinstance(row["axis"], str):
+        raise TypeError("the kind and axis of a measure are texts")
+    return AdverbMeasure(
+        row["kind"], row["axis"], tuple(spans), _number(row["factor"]), _number(row["center"]), (x, y, z, w)
+    )
+
+
+def _integer(value: Any) -> int:
+    if type(value) is not int or abs(value) > MAX_KEYS:
+        raise TypeError(f"{value!r:.40} is no index")
+    return value
+
+
+def _number(value: Any) -> float:
+    if type(value) not in (int, float) or not abs(value) <= MAX_MAGNITUDE:
+        raise TypeError(f"{value!r:.40} is no number")
+    return float(value)
+
+
 def _verb(arrays: Arrays, facts: dict[str, Any]) -> Verb:
     skeleton = Skeleton(
         tuple(facts["joints"]),
@@ -282,8 +344,7 @@ def _verb(arrays: Arrays, facts: dict[str, Any]) -> Verb:
         Adverb(row["name"], row["unit"], row["description"], row["style"], *map(float, span))
         for row, span in zip(facts["adverbs"], facts["ranges"], strict=True)
     )
-    fields: dict[str, Any] = {key: arrays[f"measure.{key}"] for key in ("axes", "origin", "frame")}
-    measure = Measure(**facts["measure"], **fields)
+    measure = _measure(arrays, facts)
     domain = Domain(
         _chart(arrays, "domain", facts["domain"]["chart"]),
         arrays["domain.facets"],

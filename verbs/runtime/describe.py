@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from verbs.adverb_measure import FORMS
 from verbs.blend import methods
 from verbs.contacts import PARTS, Contacts
 from verbs.conventions import F64, I64
@@ -19,9 +20,12 @@ from verbs.kernels import chart as charts
 from verbs.kernels import measure as measures
 from verbs.runtime.evaluate import Evaluator, Poses
 from verbs.skeleton import Skeleton
+from verbs.units import SI_UNITS
 from verbs.verb import Domain, Measure, Verb
 
-__all__ = ["SPACES", "describe", "joint_indices", "numbers", "pose_fields", "pose_record", "summary"]
+__all__ = [
+    "SPACES", "describe", "joint_indices", "numbers", "own_measure_text", "pose_fields", "pose_record", "summary",
+]  # fmt: skip
 
 SPACES = ("local", "global")
 """Spaces of rotations in requests."""
@@ -207,7 +211,54 @@ def _adverb(verb: Verb, k: int) -> dict[str, Any]:
         "max": adverb.maximum,
         "style": adverb.style,
         "description": adverb.description,
+        "measure": _own_measure(verb, k),
     }
+
+
+def _own_measure(verb: Verb, k: int) -> dict[str, Any] | None:
+    """The measure that an adverb names for itself; None where the verb's measure is for all of them, or it has none.
+
+    ``joint`` is null where none counts, ``at`` and ``between`` where the instants are no keytimes; ``spans`` has all.
+    """
+    axes = verb.measure.axes.tolist()
+    if not verb.measure.rows or k not in axes:
+        return None
+    row = verb.measure.rows[axes.index(k)]
+    spans = [
+        {"joint": verb.skeleton.names[one.joint], "begin": one.begin, "end": one.begin if one.end is None else one.end}
+        for one in row.spans
+    ]
+    alone, jointed = len(spans) == 1, FORMS[row.kind].joint or row.kind == "foot_speed"
+    begin, end = (_keytime_name(verb, spans[0][key]) for key in ("begin", "end"))
+    single = row.spans[0].end is None or row.kind == "time_to"
+    return {
+        "kind": row.kind,
+        "axis": row.axis,
+        "joint": spans[0]["joint"] if jointed and alone else None,
+        "at": end if single and alone else None,
+        "between": [begin, end] if not single and alone and begin and end else None,
+        "unit": SI_UNITS[row.dimension],
+        "spans": spans,
+    }
+
+
+def _keytime_name(verb: Verb, phase: float) -> str | None:
+    """Name of the keytime at a phase."""
+    found = np.flatnonzero(np.abs(verb.phases - phase) < 1e-9)
+    return verb.keytime_names[int(found[0])] if len(found) else None
+
+
+def own_measure_text(verb: Verb, k: int) -> str:
+    """The measure of an adverb in a few words; empty where it names none."""
+    found = _own_measure(verb, k)
+    if found is None:
+        return ""
+    place = f" of {found['joint']}" if found["joint"] else ""
+    axis = "" if found["axis"] in (found["kind"], "speed", "time") else f" {found['axis']}"
+    if found["at"]:
+        return f"{found['kind']}{axis}{place} at {found['at']}"
+    when = f" between {' and '.join(found['between'])}" if found["between"] else " while feet stand"
+    return f"{found['kind']}{axis}{place}{when}"
 
 
 def _examples(verb: Verb) -> list[dict[str, Any]]:

@@ -404,11 +404,16 @@ def _places(path: F64, standing: Flags, chosen: Flags) -> F64:
 
 
 def _quiet(verb: Verb, legs: Legs) -> tuple[F64, int]:
-    """Phase and width of the effector's keytime, and the foot that carries the effector."""
+    """Phase and width of the effector's keytime, and the foot that carries the effector.
+
+    Where adverbs name measures of their own, the first position among them counts.
+    """
     measure = verb.measure
-    if measure.kind != measures.POSITION:
+    placed = [row.spans[0] for row in measure.rows if row.kind == "position"]
+    if measure.kind != measures.POSITION and not placed:
         return np.zeros(3), -1
-    phase = float(verb.phases[measure.keytime])
-    carried = [f for f, chain in enumerate(legs.chains) if measure.effector in chain.tolist()]
+    phase = placed[0].begin if placed else float(verb.phases[measure.keytime])
+    effector = placed[0].joint if placed else measure.effector
+    carried = [f for f, chain in enumerate(legs.chains) if effector in chain.tolist()]
     widths = np.array([QUIET_S, FREE_S]) / float(np.median(verb.keytimes[:, -1]))
     return np.array([phase, *widths]), carried[0] if carried else -1

@@ -33,6 +33,28 @@ Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
+class _Span(BaseModel):
+    joint: str
+    begin: Annotated[float, Field(description="Canonical phase, 0 to 1.")]
+    end: Annotated[float, Field(description="Canonical phase; equal to `begin` at a single instant.")]
+
+
+class _AdverbMeasure(BaseModel):
+    kind: Annotated[
+        str,
+        Field(
+            description="position, velocity, speed, orientation, angular_velocity, displacement, root_motion, "
+            "foot_speed, time_to or duration."
+        ),
+    ]
+    axis: str
+    joint: str | None
+    at: Annotated[str | None, Field(description="Keytime; null if it is taken over a span.")]
+    between: Annotated[list[str] | None, Field(description="Two keytimes; null if it is taken at one instant.")]
+    unit: Annotated[str, Field(description="SI unit of the measured number.")]
+    spans: Annotated[list[_Span], Field(description="Where it is measured; several for the stances of feet.")]
+
+
 class _Adverb(BaseModel):
     name: str
     unit: str
@@ -40,6 +62,10 @@ class _Adverb(BaseModel):
     max: float
     style: Annotated[bool, Field(description="True if the adverb cannot be measured from the motion.")]
     description: str
+    measure: Annotated[
+        _AdverbMeasure | None,
+        Field(description="The measure that the adverb names for itself; null if the verb's measure is for all."),
+    ]
 
 
 class _Tip(BaseModel):
@@ -91,7 +117,7 @@ class _Domain(BaseModel):
 
 
 class _Measure(BaseModel):
-    kind: Annotated[str, Field(description="none, joint_position, jump or root_velocity.")]
+    kind: Annotated[str, Field(description="none, joint_position, jump, root_velocity or adverbs.")]
     effector: str | None
     keytime: str | None
     adverbs: Annotated[list[str], Field(description="Adverbs that are measured.")]

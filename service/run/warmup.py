@@ -62,14 +62,19 @@ def load_building() -> None:
 
 
 def _load_measures() -> None:
-    """Load or compile the kernels of measures that no built-in verb has: the velocity of a loop, and a jump's apex."""
+    """Load or compile the kernels of measures that no built-in verb has.
+
+    These are the velocity of a loop, a jump's apex, and measures that adverbs name for themselves.
+    """
     import numpy as np
 
     from verbs import library
+    from verbs.adverb_measure import AdverbMeasure, Span
     from verbs.kernels import measure, pose
     from verbs.runtime.characters import Characters
     from verbs.runtime.evaluate import Evaluator
     from verbs.runtime.ground import gradient
+    from verbs.verb import Measure
 
     arm, reach = library.load("arm3"), library.load("reach")
     velocity = replace(
@@ -80,7 +85,10 @@ def _load_measures() -> None:
         measure=replace(arm.measure, kind=measure.VELOCITY, keytime=-1),
     )
     jump = replace(reach, measure=replace(reach.measure, kind=measure.JUMP))
-    for verb in (velocity, jump):
+    at = (Span(arm.measure.effector, float(arm.phases[arm.measure.keytime])),)
+    rows = tuple(AdverbMeasure("position", axis, at, 1.0) for axis in "xy")
+    own = Measure(measure.ADVERBS, 0, -1, arm.measure.axes, np.zeros(3), np.zeros((3, len(rows))), rows)
+    for verb in (velocity, jump, replace(arm, measure=own)):
         evaluator = Evaluator(verb)
         evaluator.warm()
         Characters(evaluator).warm()

@@ -9,9 +9,10 @@ export interface Unit {
 const METRES: Record<string, string> = { m: "", "m/s": "/s" };
 const DEGREES = 180 / Math.PI;
 
-/** Display unit of errors up to `most`: mm below 1 m, m above. */
+/** Display unit of errors up to `most`: mm below 1 m, m above; "(SI)" for an error over adverbs of several dimensions. */
 export function errorUnit(unit: string, most: number): Unit {
   const per = METRES[unit];
+  if (unit === "SI") return { text: "(SI)", factor: 1 };
   if (per === undefined) return { text: unit, factor: 1 };
   return most < 1 ? { text: `mm${per}`, factor: 1000 } : { text: `m${per}`, factor: 1 };
 }

@@ -2510,6 +2510,8 @@ export interface components {
             description: string;
             /** Max */
             max: number;
+            /** @description The measure that the adverb names for itself; null if the verb's measure is for all. */
+            measure: components["schemas"]["_AdverbMeasure"] | null;
             /** Min */
             min: number;
             /** Name */
@@ -2520,6 +2522,38 @@ export interface components {
              */
             style: boolean;
             /** Unit */
+            unit: string;
+        };
+        /** _AdverbMeasure */
+        _AdverbMeasure: {
+            /**
+             * At
+             * @description Keytime; null if it is taken over a span.
+             */
+            at: string | null;
+            /** Axis */
+            axis: string;
+            /**
+             * Between
+             * @description Two keytimes; null if it is taken at one instant.
+             */
+            between: string[] | null;
+            /** Joint */
+            joint: string | null;
+            /**
+             * Kind
+             * @description position, velocity, speed, orientation, angular_velocity, displacement, root_motion, foot_speed, time_to or duration.
+             */
+            kind: string;
+            /**
+             * Spans
+             * @description Where it is measured; several for the stances of feet.
+             */
+            spans: components["schemas"]["_Span"][];
+            /**
+             * Unit
+             * @description SI unit of the measured number.
+             */
             unit: string;
         };
         /** _ChangeOfVerb */
@@ -2824,7 +2858,7 @@ export interface components {
             keytime: string | null;
             /**
              * Kind
-             * @description none, joint_position, jump or root_velocity.
+             * @description none, joint_position, jump, root_velocity or adverbs.
              */
             kind: string;
             /**
@@ -2896,6 +2930,21 @@ export interface components {
             file: string;
             /** Problem */
             problem: string;
+        };
+        /** _Span */
+        _Span: {
+            /**
+             * Begin
+             * @description Canonical phase, 0 to 1.
+             */
+            begin: number;
+            /**
+             * End
+             * @description Canonical phase; equal to `begin` at a single instant.
+             */
+            end: number;
+            /** Joint */
+            joint: string;
         };
         /** _Tip */
         _Tip: {

@@ -104,4 +104,5 @@ test("errors are in mm below 1 m and in m above; other units are kept", () => {
     "–",
   ]);
   expect(errorUnit("rad", 0.4)).toEqual({ text: "rad", factor: 1 });
+  expect(errorText(0.25, "SI")).toBe("0.25 (SI)");
 });

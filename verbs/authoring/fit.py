@@ -65,7 +65,7 @@ class Built:
     worst_stored: str
 
 
-def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
+def build(folder: str | Path, *, progress: Progress | None = None, inspect: bool = True) -> Built:
     """Build a verb from its source folder.
 
     Parameters
@@ -74,6 +74,8 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
         With ``verb.toml`` and one motion file per example.
     progress : callable, optional
         Called with the name of a stage, the steps done and the number of steps.
+    inspect : bool
+        Whether to search the motions for faults and for another axis up; these are warnings only.
 
     Returns
     -------
@@ -93,8 +95,8 @@ def build(folder: str | Path, *, progress: Progress | None = None) -> Built:
     """
     report = progress or (lambda stage, done, total: None)
     source = read(folder)
-    motions, digests, notes, tolerance_m = read_motions(source, report)
-    fixed = mended(source, motions, tolerance_m=tolerance_m)
+    motions, digests, notes, tolerance_m = read_motions(source, report, inspect=inspect)
+    fixed = mended(source, motions, tolerance_m=tolerance_m, inspect=inspect)
     source, motions = fixed.source, fixed.motions
     made = assemble(source, motions, progress=progress)
     verb, keytimes, source = made.verb, made.keytimes, made.source

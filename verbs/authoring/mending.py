@@ -51,7 +51,9 @@ class MendedSource:
     warnings: tuple[str, ...]
 
 
-def mended(source: Source, motions: Sequence[Motion], *, tolerance_m: float = 1e-4) -> MendedSource:
+def mended(
+    source: Source, motions: Sequence[Motion], *, tolerance_m: float = 1e-4, inspect: bool = True
+) -> MendedSource:
     """Mend the motions of a source, retarget them, and check that they share one skeleton.
 
     Parameters
@@ -60,6 +62,8 @@ def mended(source: Source, motions: Sequence[Motion], *, tolerance_m: float = 1e
     motions : sequence of Motion, length N
     tolerance_m : float
         Offsets of joints may differ by this, metres.
+    inspect : bool
+        Whether to search the motions for other faults.
 
     Raises
     ------
@@ -74,7 +78,7 @@ def mended(source: Source, motions: Sequence[Motion], *, tolerance_m: float = 1e
     examples, contacts = list(source.examples), source.contacts
     for k, (example, motion) in enumerate(zip(source.examples, motions, strict=True)):
         own = [one for one in source.mends if example.name in one.examples]
-        fixed, faults = _mended(source.path, example.name, motion, own)
+        fixed, faults = _mended(source.path, example.name, motion, own, FAULTS if inspect else ())
         rows += [{"example": example.name, **report.row()} for report in fixed.reports]
         warnings += [_warning(example.name, report) for report in faults]
         done.append(fixed.motion)
@@ -89,8 +93,10 @@ def mended(source: Source, motions: Sequence[Motion], *, tolerance_m: float = 1e
     return MendedSource(source, retargeted, rows + more, tuple(warnings))
 
 
-def _mended(path: Path, name: str, motion: Motion, own: Sequence[SourceMend]) -> tuple[mends.Mended, list[Report]]:
-    """A mended clip, and the faults that are left; those of a table with ``apply = false`` are left on purpose."""
+def _mended(
+    path: Path, name: str, motion: Motion, own: Sequence[SourceMend], kinds: Sequence[str]
+) -> tuple[mends.Mended, list[Report]]:
+    """A mended clip, and its other faults of these kinds but those that a table with ``apply = false`` leaves."""
     wanted = [one.mend for one in own if one.applies]
     trimmed = any(mend.kind in mends.TRIMS for mend in wanted)
     accepted = {(one.mend.kind, one.mend.joint) for one in own if not one.applies}
@@ -98,7 +104,7 @@ def _mended(path: Path, name: str, motion: Motion, own: Sequence[SourceMend]) ->
         first = mends.apply(motion, [mend for mend in wanted if mends.KINDS[mend.kind].has_joint])
         faults = [
             report
-            for report in mends.find(first.motion, FAULTS)
+            for report in mends.find(first.motion, kinds)
             if not {(report.mend.kind, report.mend.joint), (report.mend.kind, None)} & accepted
             and not (trimmed and report.mend.kind in mends.TRIMS)
         ]

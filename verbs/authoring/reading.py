@@ -25,7 +25,9 @@ Progress = Callable[[str, int, int], None]
 """Called with the name of a stage, the steps done and the steps there are."""
 
 
-def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[str], list[str], float]:
+def read_motions(
+    source: Source, report: Progress, *, inspect: bool = True
+) -> tuple[list[Motion], list[str], list[str], float]:
     """Read the motions of all examples.
 
     Parameters
@@ -33,6 +35,8 @@ def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[s
     source : Source
     report : callable
         Called with the name of a stage, the steps done and the steps there are.
+    inspect : bool
+        Whether to look for another axis up.
 
     Returns
     -------
@@ -64,7 +68,7 @@ def read_motions(source: Source, report: Progress) -> tuple[list[Motion], list[s
     report("reading motions", len(source.examples), len(source.examples))
     stretches = any(file.report.of("stretch") for file in files)
     tolerance_m = max(source.stretch_m, ROUNDING_M) if stretches else ROUNDING_M
-    return motions, digests, _notes(source, files), tolerance_m
+    return motions, digests, [*(_axes(files) if inspect else []), *_notes(source, files)], tolerance_m
 
 
 def _read_motion(source: Source, example: SourceExample, root: str | None) -> MotionFile:
@@ -97,10 +101,14 @@ def _notes(source: Source, files: list[MotionFile]) -> list[str]:
         verb = "joint stretches" if count == 1 else "joints stretch"
         where = f"'{joint}' in example '{name}'"
         lines.append(f"{count} {verb} by up to {1000.0 * most:.2f} mm ({where}); mean offsets are kept")
+    return lines
+
+
+def _axes(files: list[MotionFile]) -> list[str]:
+    """Advice where all motions seem to have another axis up."""
     found = [orientation.find(file.motion) for file in files]
     ups = {orientation.axis_name(one.up) for one in found}
-    advice = []
     if "+Y" not in ups and len(ups) == 1 and min(one.confidence for one in found) >= UP_CONFIDENCE:
         up = f"the motions seem to have another axis up: {found[0].text} ({found[0].evidence[0]}); set up_axis and "
-        advice = [f"{up}forward_axis"]
-    return advice + lines
+        return [f"{up}forward_axis"]
+    return []

@@ -1,6 +1,8 @@
 """The command ``adverb`` with everything in it: the library's commands, and those of the service."""
 
 from service.cli import keys
+from service.cli.backup import backup_command, restore_command
+from service.cli.doctor import doctor_command
 from service.cli.serve import serve_command, worker_command
 from verbs import cli
 
@@ -8,6 +10,9 @@ __all__ = ["main"]
 
 cli.app.command("serve")(serve_command)
 cli.app.command("worker")(worker_command)
+cli.app.command("doctor")(doctor_command)
+cli.app.command("backup")(backup_command)
+cli.app.command("restore")(restore_command)
 cli.app.add_typer(keys.app, name="keys")
 
 

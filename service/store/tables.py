@@ -28,6 +28,7 @@ from sqlalchemy import (
     exc,
     func,
     insert,
+    inspect,
     make_url,
     select,
 )
@@ -188,6 +189,13 @@ class Database:
                 raise StoreError(f"the database has layout {layout}; this Adverb reads up to {LAYOUT}: upgrade it")
             elif layout < LAYOUT:
                 upgrade(connection, layout)
+
+    def layout(self) -> int | None:
+        """Layout of the tables, without a change to them; None where there are none."""
+        with self.transaction() as connection:
+            if not inspect(connection).has_table(layouts.name):
+                return None
+            return connection.execute(select(func.max(layouts.c.number))).scalar()
 
     @contextmanager
     def transaction(self, *, writes: bool = False) -> Iterator[Connection]:

@@ -166,8 +166,8 @@ def _misspelled(table: Mapping[str, Any]) -> tuple[str, ...]:
 def _read(path: Path, table: dict[str, Any]) -> Source:
     """The source of a parsed ``verb.toml``, checked."""
     reader = _Reader(path)
-    keytime_names = reader.names(table, "keytime_names")
     rows = reader.tables(table, "adverb", MAX_ADVERBS)
+    keytime_names = reader.names(table, "keytime_names")
     adverbs = tuple(_adverb(reader, row, k, keytime_names) for k, row in enumerate(rows))
     names = [adverb.name for adverb in adverbs]
     if len(set(names)) != len(names):

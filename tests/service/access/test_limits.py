@@ -189,6 +189,6 @@ async def test_processes_count_together_in_redis_and_alone_without_it(redis, mon
     process.kill()
     process.wait()
     monkeypatch.setattr(module, "RETRY_STORAGE_S", 60.0)
-    assert await passed(first, ALICE, "", 8) == 5  # requests go on, counted by this process alone
+    assert await passed(first, ALICE, "", 8) == 5  # requests continue, counted by this process alone
     await first.close()
     await second.close()

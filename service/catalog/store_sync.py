@@ -57,6 +57,7 @@ class StoreSync:
         self.store, self._data = store, data
         self._current, self._set_catalog = current, set_catalog
         self._skipped: dict[str, Skipped] = {}
+        self._refreshing = asyncio.Lock()
 
     def load(self) -> Catalog:
         """Publish new files, then load the current versions; raises :class:`StoreUnavailable`."""
@@ -89,11 +90,15 @@ class StoreSync:
         return Catalog(MappingProxyType(dict(sorted(entries.items()))), not_served)
 
     async def refresh(self) -> None:
-        """Serve the store's current versions now, without waiting for a notice; raises :class:`StoreError`."""
-        before = self._current()
-        catalog = await run_in_thread(partial(self.read, before))
-        if catalog is not before:
-            self._set_catalog(catalog)
+        """Serve the store's current versions now, without waiting for a notice; raises :class:`StoreError`.
+
+        One at a time: an earlier reading that ends later would bring back what was deleted meanwhile.
+        """
+        async with self._refreshing:
+            before = self._current()
+            catalog = await run_in_thread(partial(self.read, before))
+            if catalog is not before:
+                self._set_catalog(catalog)
 
     async def follow(self) -> None:
         """Serve the store's current versions whenever they change, until cancelled."""

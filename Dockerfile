@@ -27,7 +27,9 @@ COPY deploy/start /opt/adverb/bin/start
 FROM python:3.11-slim
 RUN groupadd --gid 10001 adverb \
     && useradd --uid 10001 --gid 10001 --no-create-home --shell /usr/sbin/nologin adverb \
-    && install -d -o 10001 -g 10001 /data /verbs
+    && install -d -o 10001 -g 10001 /verbs \
+    && install -d -m 1777 /data
+# A tmpfs on /data belongs to root and gets the mode of the folder in the image, so that has to be open to the user.
 COPY --from=build /opt/adverb /opt/adverb
 ENV PATH=/opt/adverb/bin:$PATH \
     PYTHONDONTWRITEBYTECODE=1 \

@@ -17,7 +17,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-scaling bench-refine bench clean
+.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-scaling bench-refine bench try-image clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -120,6 +120,9 @@ bench-refine: setup  ## measure what a refinement costs those who are served, it
 
 bench: setup  ## measure speed; prints ratios in one run
 	@$(BIN)/python -m benchmarks
+
+try-image: setup  ## build the image and start docker-compose.yml's containers, without Docker (Debian, as root)
+	@$(BIN)/python -m deploy.try_image $(T)
 
 clean:  ## remove what make made
 	rm -rf $(VENV) .cache build dist service/static $(DASHBOARD)/node_modules

@@ -17,7 +17,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-scaling bench-refine bench try-image clean
+.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-scaling bench-refine bench try-image audit sbom licences clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -82,7 +82,7 @@ lint: setup  ## style, imports, architecture, lock files
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/lint-imports --no-cache
-	@! grep -n '://' requirements.lock requirements.runtime.lock $(DASHBOARD)/package-lock.json || \
+	@! grep -n '://' requirements.lock requirements.runtime.lock requirements.supply.lock $(DASHBOARD)/package-lock.json || \
 		(echo "lock files must name no address" && false)
 	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent lint,echo "lint: without npm, the dashboard is left out")
 
@@ -92,6 +92,7 @@ types: setup  ## mypy --strict
 lock: setup  ## resolve the newest allowed versions into the lock files
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group dev pyproject.toml -o requirements.lock
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes pyproject.toml -o requirements.runtime.lock
+	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group supply -o requirements.supply.lock
 
 generate: setup  ## rewrite generated files: openapi.json, the dashboard's types of it, built-in verbs
 	@$(BIN)/python -m tools.authoring
@@ -120,6 +121,26 @@ bench-refine: setup  ## measure what a refinement costs those who are served, it
 
 bench: setup  ## measure speed; prints ratios in one run
 	@$(BIN)/python -m benchmarks
+
+SUPPLY := .cache/supply
+
+$(SUPPLY)/.ready: requirements.supply.lock
+	@test -x $(SUPPLY)/bin/python || $(PYTHON) -m venv $(SUPPLY)
+	@$(SUPPLY)/bin/pip install -q --require-hashes -r requirements.supply.lock
+	@touch $@
+
+audit: setup $(SUPPLY)/.ready  ## known vulnerabilities of the locked packages (pip-audit, npm audit)
+	@$(BIN)/python -m tools.audit $(SUPPLY)/bin/pip-audit
+
+sbom: $(SUPPLY)/.ready  ## lists of what is shipped, in the format CycloneDX: build/sbom
+	@mkdir -p build/sbom
+	@$(SUPPLY)/bin/cyclonedx-py requirements requirements.runtime.lock --pyproject pyproject.toml --output-reproducible \
+		-o build/sbom/image.cdx.json
+	@npm --prefix $(DASHBOARD) sbom --package-lock-only --omit dev --sbom-format cyclonedx >build/sbom/page.cdx.json
+	@echo "sbom: build/sbom/image.cdx.json, build/sbom/page.cdx.json"
+
+licences: setup  ## rewrite docs/licences.md
+	@$(BIN)/python -m tools.licences
 
 try-image: setup  ## build the image and start docker-compose.yml's containers, without Docker (Debian, as root)
 	@$(BIN)/python -m deploy.try_image $(T)

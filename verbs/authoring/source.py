@@ -5,7 +5,6 @@ The folder alone is checked here; whether the motions fit together is checked by
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from verbs import units
+from verbs.authoring import toml_values
 from verbs.authoring.source_contacts import SourceContact, read_contacts
 from verbs.authoring.source_measures import SourceMeasure, check_mixing, read_measure
 from verbs.authoring.source_mends import SourceMend, SourceRetarget, read_mends, read_retarget
@@ -26,7 +26,7 @@ from verbs.verb import NAME
 
 __all__ = ["Source", "SourceAdverb", "SourceExample", "parse", "read"]
 
-MAX_TOML_BYTES = 4 * 1024 * 1024
+MAX_FILE_NAME = 255  # bytes
 
 ROTATIONS = ("quaternion", "rotation_vector")
 
@@ -132,11 +132,12 @@ def read(folder: str | Path) -> Source:
         Naming the file, the example where there is one, what is wrong and what to do.
     """
     path = Path(folder) / "verb.toml"
-    return parse(path, _load(path))
+    return parse(path, toml_values.load(path))
 
 
 def parse(path: Path, table: dict[str, Any]) -> Source:
     """Check the parsed text of a ``verb.toml`` at ``path``, which need not exist; raises :class:`SourceError`."""
+    toml_values.check(path, table)
     warnings = _misspelled(table)
     try:
         return replace(_read(path, table), warnings=warnings)
@@ -221,24 +222,8 @@ def _read(path: Path, table: dict[str, Any]) -> Source:
         tail=reader.choice(table, "tail", TAILS, default="affine"),
         mends=read_mends(path, table, stems, looping=looping),
         retarget=read_retarget(path, table, stems),
-        provenance={key: value for key, value in table.items() if key not in _KEYS},
+        provenance={key: toml_values.kept(path, key, value) for key, value in table.items() if key not in _KEYS},
     )
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        size = path.stat().st_size
-        if size > MAX_TOML_BYTES:
-            raise SourceError(path, f"{size} bytes; a verb.toml has at most {MAX_TOML_BYTES}")
-        return tomllib.loads(path.read_text("utf-8-sig"))
-    except FileNotFoundError:
-        raise SourceError(path, "not found; a verb source is a folder with a verb.toml and its motion files") from None
-    except NotADirectoryError:
-        raise SourceError(path.parent, "is a file; name the folder that holds verb.toml") from None
-    except OSError as err:
-        raise SourceError(path, f"cannot be read: {err.strerror or err}") from err
-    except (ValueError, RecursionError) as err:  # TOML, UTF-8, or a number of thousands of digits
-        raise SourceError(path, f"is not valid TOML: {err}") from err
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,8 +322,8 @@ def _example(
 ) -> SourceExample:
     file = reader.text(row, "file", default="")
     folder = reader.path.parent.resolve()
-    path = (folder / file).resolve()
-    if not file or not path.is_relative_to(folder):
+    path = (folder / file.replace("\0", "")).resolve()
+    if not file or "\0" in file or len(file.encode()) > MAX_FILE_NAME or not path.is_relative_to(folder):
         raise SourceError(reader.path, f"example {index} names the file '{file}'; it must lie in the verb's own folder")
     clip = reader.text(row, "clip", default="")
     where = clip or path.stem

@@ -26,6 +26,7 @@ import io
 import math
 import re
 import struct
+import sys
 import zipfile
 import zlib
 from pathlib import Path
@@ -181,10 +182,10 @@ class _Arrays:
         array = self._array(name, "U", most * MAX_NAME * 4)
         if array.ndim != 1 or not 1 <= len(array) <= most:
             raise self._error(name, f"1 to {most} texts", f"shape {array.shape}")
-        try:
-            texts = tuple(str(text) for text in array)
-        except ValueError as err:  # no character has such a number
-            raise self._error(name, "text", f"{err}"[:200]) from err
+        codes = array.view(np.dtype("u4").newbyteorder(array.dtype.byteorder))
+        if (codes > sys.maxunicode).any():
+            raise self._error(name, "text", f"{int(codes.max()):#x}, which is no character")
+        texts = tuple(str(text) for text in array)
         if not all(text.strip() and text.isprintable() for text in texts):
             raise self._error(
                 name, "printable names", repr(next(t for t in texts if not (t.strip() and t.isprintable())))[:80]
@@ -258,6 +259,10 @@ class _Arrays:
         if row is None:
             listed = ", ".join(sorted(self._rows)[:12]) or "none"
             raise self._error(name, f"an array '{name}'", f"the arrays {listed}", "see the layout in docs/source.md")
+        if row.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others are unpacked as a whole
+            raise self._error(
+                name, "stored or deflated data", f"compression {row.compress_type}", "save it by numpy.savez"
+            )
         try:
             with self._archive.open(row) as file:
                 head = file.read(_MAX_HEADER + 16)
@@ -296,7 +301,7 @@ _BROKEN = (
 _HEADER = re.compile(rb"\x93NUMPY[\x01-\x03]\x00")
 _DESCR = r"'descr': *'([<>|=]?(?:f[248]|[iu][1248]|b1|U\d{1,4}))'"
 _ORDER = r"'fortran_order': *(True|False)"
-_SHAPE = r"'shape': *\(((?:\d{1,12}[, ]*)*)\)"
+_SHAPE = r"'shape': *\(((?:\d{1,12}+[, ]*+)*+)\)"  # possessive, so that no header makes it backtrack
 
 
 def _fits(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:

@@ -201,6 +201,7 @@ def head(text: str) -> bytes:
         (head("{'descr': '|O', 'fortran_order': False, 'shape': (2,), }") + pickle.dumps([print]), "the header"),
         (head("{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (2,), }"), "the header"),
         (head("__import__('os').system('true')"), "the header"),
+        (head(f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({'1' * 40}x"), "the header"),
         (b"\x93NUMPY\x01\x00\xff\xff{", "a header of 65535 bytes"),
         (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{", "a header of 4294967295 bytes"),
         (b"", "it does not begin as an .npy file"),
@@ -211,6 +212,26 @@ def test_a_hostile_array_is_refused(content, found, tmp_path):
         npz.read_file(replaced(tmp_path, "root_positions", content))
     assert caught.value.place == "root_positions"
     assert found in caught.value.found
+
+
+@pytest.mark.parametrize("code", [0x110000, 0xFFFFFFFF])
+def test_numbers_of_no_character_are_refused(code, tmp_path):
+    content = head("{'descr': '<U1', 'fortran_order': False, 'shape': (1,), }") + code.to_bytes(4, "little")
+    with pytest.raises(MotionFileError, match=f"expected text, found {code:#x}"):
+        npz.read_file(replaced(tmp_path, "joint_names", content))
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_compressions_without_a_bound_of_memory_are_refused(method, tmp_path):
+    with (
+        np.load(saved(tmp_path, arrays_of(some_motion(1, 3, 4)))) as file,
+        zipfile.ZipFile(tmp_path / "other.npz", "w", method) as packed,
+    ):
+        for name in file.files:
+            with packed.open(f"{name}.npy", "w") as part:
+                np.lib.format.write_array(part, file[name])
+    with pytest.raises(MotionFileError, match=f"stored or deflated data, found compression {method}"):
+        npz.read_file(tmp_path / "other.npz")
 
 
 def test_an_array_that_unpacks_to_too_much_is_not_unpacked(tmp_path, monkeypatch):

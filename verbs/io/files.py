@@ -28,7 +28,7 @@ def file_content(path: str | Path) -> bytes:
                 raise MotionFileError(path, None, "a regular file", "a device or a pipe")
             if status.st_size > MAX_FILE_BYTES:
                 raise MotionFileError(path, None, f"at most {MAX_FILE_BYTES} bytes", f"{status.st_size} bytes")
-            content: bytes = file.read(MAX_FILE_BYTES + 1)  # bounded even where the file grows meanwhile
+            content: bytes = file.read(status.st_size)  # which is allocated at once, also for a smaller file
             return content
     except (OSError, ValueError) as err:  # ValueError: a null byte in the path
         raise MotionFileError(path, None, "a file that can be read", _reason(err)) from err

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from tests.verbs import clip_files
 from tests.verbs.gltf_files import body_file
 from verbs.errors import MotionFileError, UnknownName
 from verbs.io import bvh, motion_files, npz
+from verbs.io.files import file_content
 
 
 def test_a_bvh_file_is_read_with_its_report(tmp_path):
@@ -20,6 +23,16 @@ def test_a_bvh_file_is_read_with_its_report(tmp_path):
     np.testing.assert_array_equal(file.motion.root, plain.root)
     assert (file.report.format, file.report.clips, file.report.clip) == ("bvh", ("",), 0)
     assert file.report.folded[0].name == "Reference"
+
+
+def test_a_small_file_takes_little_memory(tmp_path):
+    path = clip_files.write_bvh(tmp_path / "a.bvh", clip_files.body_bones(frames=2))
+    tracemalloc.start()
+    try:
+        assert file_content(path) == path.read_bytes()
+        assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("name", ["clip.fbx", "clip", "clip.bvh.txt"])

@@ -100,11 +100,15 @@ def load(path: str | Path) -> Verb:
         raise ArtifactCorrupt(path, f"its format is {version!r:.40}, not a positive integer")
     if version > FORMAT:
         raise ArtifactVersionError(path, f"has format {version}; this Adverb reads up to {FORMAT}: upgrade it")
-    if facts.pop("sha256", None) != _digest(arrays, facts):
+    try:
+        intact = facts.pop("sha256", None) == _digest(arrays, facts)
+    except (ValueError, RecursionError) as err:  # numbers that are not finite, half of a surrogate pair, deep nesting
+        raise ArtifactCorrupt(path, f"has an invalid header: {type(err).__name__}") from err
+    if not intact:
         raise ArtifactCorrupt(path, "its checksum does not match; copy or build it again")
     try:
         return _verb(arrays, facts)
-    except (VerbError, KeyError, TypeError, ValueError, IndexError) as err:
+    except (VerbError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
         raise ArtifactCorrupt(path, f"does not describe a verb: {err}") from err
 
 

@@ -207,11 +207,21 @@ def test_an_array_that_is_not_finite_is_refused(file, tmp_path):
         {"bases": {}},
         {"domain": {"chart": 9, "sharpness": 24}},
         {"format": "one"},
+        {"bases": []},
+        {"ranges": [[0, 10**400], [0, 1]]},
     ],
 )
 def test_facts_that_do_not_fit_are_refused(file, tmp_path, change):
     with pytest.raises(ArtifactCorrupt):
         artifact.load(rewrite(file, tmp_path / "x.verb", lambda facts: facts.update(change)))
+
+
+@pytest.mark.parametrize("value", ["NaN", "-Infinity", '"\\ud800"', "[" * 400 + "]" * 400])
+def test_facts_that_have_no_checksum_are_refused(file, tmp_path, value):
+    text = json.dumps(facts_of(file) | {"provenance": "HERE"}).replace('"HERE"', value)
+    save_file(load_file(file), tmp_path / "x.verb", metadata={"adverb": text})
+    with pytest.raises(ArtifactCorrupt):
+        artifact.load(tmp_path / "x.verb")
 
 
 def test_a_missing_file_is_an_artifact_error(tmp_path):

@@ -81,7 +81,7 @@ def extract(archive: Path, folder: Path) -> None:
     """Unpack an archive into an empty folder; raises :class:`SourceError` as :func:`unpack` does."""
     try:
         with zipfile.ZipFile(archive) as opened:
-            members = [row for row in opened.infolist() if not row.is_dir() and not _added(row.filename)]
+            members = [row for row in opened.infolist() if not row.filename.endswith("/") and not _added(row.filename)]
             _check(archive, members)
             left = MAX_UNPACKED_BYTES
             for row in members:
@@ -104,13 +104,17 @@ def _check(archive: Path, members: list[zipfile.ZipInfo]) -> None:
         raise SourceError(archive, f"unpacked it would be {total} bytes long; at most {MAX_UNPACKED_BYTES} are allowed")
     for row in members:
         path = PurePosixPath(row.filename)
-        inside = (
-            not path.is_absolute() and ".." not in path.parts and "\\" not in row.filename and ":" not in path.parts[0]
-        )
+        inside = not path.is_absolute() and ".." not in path.parts and "\\" not in row.filename
+        inside = inside and ":" not in "".join(path.parts[:1])
+        if not path.parts:
+            raise SourceError(archive, "the archive has a file without a name")
         if not inside or len(path.parts) > MAX_DEPTH:
             raise SourceError(archive, f"the archive's file '{row.filename[:100]}' would lie outside of its folder")
         if stat.S_ISLNK(row.external_attr >> 16):
             raise SourceError(archive, f"the archive's file '{row.filename[:100]}' is a link; put the file itself in")
+        if row.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others are unpacked as a whole
+            name = row.filename[:100]
+            raise SourceError(archive, f"the archive's file '{name}' is compressed by another method than deflate")
 
 
 def _write(opened: zipfile.ZipFile, row: zipfile.ZipInfo, path: Path, left: int, archive: Path) -> int:

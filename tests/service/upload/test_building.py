@@ -11,6 +11,7 @@ from service.errors import BadUpload
 from service.upload.archive import unpack
 from service.upload.builder import Builder
 from service.upload.spawned import Spawned
+from tests.service.upload.raw_zip import Row, raw_zip
 from tests.verbs.sources import arm_source
 from tests.warm import Sandboxes
 from verbs import library
@@ -149,8 +150,8 @@ def damaged(at, value):
 
 @pytest.mark.parametrize(
     "content",
-    [damaged(8, b"\x61\x00"), damaged(6, b"\x01\x00"), damaged(39, b"\xff\xff\xff\xff")],
-    ids=["unknown compression", "password", "corrupt data"],
+    [damaged(6, b"\x01\x00"), damaged(39, b"\xff\xff\xff\xff")],
+    ids=["password", "corrupt data"],
 )
 def test_archives_that_cannot_be_unpacked_are_refused(tmp_path, content):
     (tmp_path / "broken.zip").write_bytes(content)
@@ -167,6 +168,30 @@ def test_links_are_refused(tmp_path):
     (tmp_path / "out").mkdir()
     with pytest.raises(SourceError, match="is a link"):
         unpack(tmp_path / "link.zip", tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", [b"", b"."])
+def test_files_without_a_name_are_refused(tmp_path, name):
+    (tmp_path / "unnamed.zip").write_bytes(raw_zip([Row(b"verb.toml"), Row(name)]))
+    (tmp_path / "out").mkdir()
+    with pytest.raises(SourceError, match="a file without a name"):
+        unpack(tmp_path / "unnamed.zip", tmp_path / "out")
+    assert not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA, 97])
+def test_compressions_without_a_bound_of_memory_are_refused(tmp_path, method):
+    (tmp_path / "other.zip").write_bytes(raw_zip([Row(b"verb.toml", b"name = 'x'", method=method)]))
+    (tmp_path / "out").mkdir()
+    with pytest.raises(SourceError, match="another method than deflate"):
+        unpack(tmp_path / "other.zip", tmp_path / "out")
+
+
+def test_an_archive_of_100_000_files_is_refused(tmp_path):
+    (tmp_path / "many.zip").write_bytes(raw_zip(Row(b"%d.bvh" % number) for number in range(100_000)))
+    (tmp_path / "out").mkdir()
+    with pytest.raises(SourceError, match="holds 100000 files"):
+        unpack(tmp_path / "many.zip", tmp_path / "out")
 
 
 def test_real_capture_is_built(builder, mocap, tmp_path):

@@ -131,7 +131,7 @@ def _authority(text: str) -> tuple[str, int | None]:
     name, colon, port = text.rpartition(":")
     if not colon or text.endswith("]"):
         name, port = text, ""
-    return name.strip("[]").rstrip("."), int(port) if port.isdigit() else None
+    return name.strip("[]").rstrip("."), int(port) if port.isdecimal() and len(port) <= 5 else None
 
 
 def _is_address(name: str) -> bool:

@@ -69,7 +69,7 @@ def if_match(request: Request, what: str) -> int | None:
     if given in ("", "*"):
         return None
     number = given.removeprefix("W/").strip('"')
-    if not number.isdigit() or len(number) > 9:
+    if not number.isdecimal() or len(number) > 9:
         raise RequestError(f"If-Match is {given[:40]}; it must be the number of a {what} in quotes, or *")
     return int(number)
 

@@ -184,3 +184,12 @@ async def test_streams_of_listed_origins_are_accepted(serve):
         with pytest.raises(InvalidStatus):
             async with connect(server.url, additional_headers={"Origin": OTHER}):
                 pass
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("port", ["\xb2", "9" * 5_000])
+async def test_a_port_that_is_no_number_is_not_an_error_of_the_server(client, port):
+    host = f"localhost:{port}".encode("latin-1")
+    assert (await client.get("/v1/verbs", headers={b"Host": host})).status_code == 200
+    answer = await client.post(ACTIVATE, headers={b"Host": host, b"Origin": b"http://" + host})
+    assert answer.status_code in (403, 409)

@@ -204,7 +204,8 @@ class StreamProtocol(WebSocketsSansIOProtocol):
                 b"".join(self.frames).decode()
             except UnicodeDecodeError:
                 self.frames = []
-                self.conn.send_close(CloseCode.INVALID_DATA, "text must be UTF-8")
+                if self.conn.state is State.OPEN:  # else a close frame came in the same read, and is answered
+                    self.conn.send_close(CloseCode.INVALID_DATA, "text must be UTF-8")
                 self.handle_parser_exception()
                 return
         super().send_receive_event_to_app()

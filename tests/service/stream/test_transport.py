@@ -158,6 +158,17 @@ async def test_text_that_is_not_utf8_ends_its_connection_and_no_other(server, pi
     assert not [record for record in caplog.records if record.exc_info]
 
 
+async def test_text_that_is_not_utf8_before_a_close_in_one_read_is_no_error_of_the_server(server, caplog):
+    async with open_stream(server) as other, open_stream(server) as client:
+        rng = random.Random(1)
+        client.socket.transport.write(frame(b"\xff", 0x81, rng) + frame(b"\x03\xe8", 0x88, rng))
+        with pytest.raises(ConnectionClosed):
+            await client.until("never")
+        await other.send("ping", t=1)
+        await other.until("pong")
+    assert not [record for record in caplog.records if record.exc_info]
+
+
 # ── any cut of the received bytes ─────────────────────────────────────────────────────────────────────────────────
 
 

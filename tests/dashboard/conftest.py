@@ -5,7 +5,7 @@ import os
 import shutil
 import socket
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import httpx
@@ -25,10 +25,10 @@ FLAGS = [
 
 
 class Service:
-    """`adverb serve` on a fixed free port, so that it can be restarted."""
+    """`adverb serve` on a fixed free port, so that it can be restarted; its log is kept if a file is given."""
 
-    def __init__(self, data: Path, **environment: str):
-        self.data, self.environment = data, environment
+    def __init__(self, data: Path, log: Path | None = None, **environment: str):
+        self.data, self.log, self.environment = data, log, environment
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port = free.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}"
@@ -36,9 +36,10 @@ class Service:
 
     def start(self):
         environment = {**os.environ, "ADVERB_REFINERS": "1", **self.environment}
-        self.process = warm().start(
-            "serve", "--port", str(self.port), "--data", str(self.data), environment=environment
-        )
+        arguments = ("serve", "--port", str(self.port), "--data", str(self.data))
+        with ExitStack() as files:
+            log = files.enter_context(self.log.open("a")) if self.log else None
+            self.process = warm().start(*arguments, environment=environment, stdout=log, stderr=log)
         deadline, last = time.monotonic() + PATIENCE_S, ""
         while time.monotonic() < deadline:
             try:

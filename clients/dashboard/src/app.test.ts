@@ -1,4 +1,6 @@
 import { afterAll, beforeAll, beforeEach, describe, expect, test, vi } from "vitest";
+import { Access, type Caller } from "./access/access";
+import { Problem } from "./api/request";
 import { Page } from "./app";
 import { createStore, DEFAULTS } from "./store";
 import type { Opened, Rest, Shown, Verb, VerbSummary, View } from "./types";
@@ -46,8 +48,19 @@ class FakePort implements Port {
   }
 }
 
+const ANYONE: Caller = {
+  required: false,
+  id: "",
+  name: "",
+  scopes: ["pose", "author", "refine", "admin"],
+  expires_at: null,
+};
+
 let port: FakePort;
 let page: Page;
+let access: Access;
+/** What `GET /v1/access` responds. */
+let caller = ANYONE;
 let served: VerbSummary[];
 
 async function start(view: Partial<View> = {}, reducedMotion = false, more: Verb[] = []): Promise<void> {
@@ -58,13 +71,17 @@ async function start(view: Partial<View> = {}, reducedMotion = false, more: Verb
     verbs: async () => served,
     verb: async (name: string) => known.find((each) => each.name === name),
   } as unknown as Rest;
-  page = new Page(createStore({ ...DEFAULTS, ...view }), rest, port, reducedMotion);
+  access = new Access(null, async () => caller);
+  page = new Page(createStore({ ...DEFAULTS, ...view }), rest, access, port, reducedMotion);
   page.start("ws://here/v1/stream");
   await vi.waitFor(() => expect(page.verb?.name).toBe(page.store.view.verb));
   page.frame(0);
 }
 
-beforeEach(() => start());
+beforeEach(() => {
+  caller = ANYONE;
+  return start();
+});
 
 test("without a link the page shows the default verb at the server's default goal", () => {
   expect(page.store.view.verb).toBe("reach");
@@ -254,4 +271,61 @@ describe("drive mode", () => {
     page.frame(32);
     expect(port.target.main.verb).toBe("locomotion");
   });
+});
+
+describe("keys", () => {
+  const POSE: Caller = { ...ANYONE, required: true, id: "1", name: "game", scopes: ["pose"] };
+  const keys = () => port.messages.flatMap((message) => (message.kind === "key" ? [message.key] : []));
+
+  test("a stream whose key was revoked stays closed until there is another", async () => {
+    port.notify({ kind: "unauthenticated", key: "", detail: "the key was revoked or has expired" });
+    expect(access.problem).toBe("the key was revoked or has expired");
+    expect(keys().at(-1)).toBeNull();
+    caller = POSE;
+    await access.give("adv_2");
+    expect(keys().at(-1)).toBe("adv_2");
+  });
+
+  test("a revoked key that was replaced meanwhile needs no prompt", async () => {
+    await access.give("adv_2");
+    port.notify({ kind: "unauthenticated", key: "", detail: "revoked" });
+    expect(access.problem).toBeNull();
+    expect(keys().at(-1)).toBe("adv_2");
+  });
+
+  test("without the scope for streams none is opened", async () => {
+    caller = { ...POSE, scopes: ["author"] };
+    await access.give("adv_3");
+    expect(keys().at(-1)).toBeNull();
+  });
+
+  test("a forgotten key is not sent any more, and what none permits is requested", async () => {
+    await access.give("adv_4");
+    caller = POSE;
+    page.forgetKey();
+    expect(keys().at(-1)).toBe("");
+    await vi.waitFor(() => expect(access.caller).toEqual(POSE));
+  });
+});
+
+test("after too many requests the list of verbs is requested again after the stated time, and once at a time", async () => {
+  vi.useFakeTimers();
+  let requests = 0;
+  Object.assign(page.rest, {
+    verbs: async () => {
+      requests++;
+      throw new Problem(429, "too_many_requests", "too many", [], 12_000);
+    },
+  });
+  page.start("ws://here/v1/stream"); // its first request fails
+  await vi.advanceTimersByTimeAsync(100);
+  expect(requests).toBe(1);
+  await vi.advanceTimersByTimeAsync(5000); // refreshed
+  expect(requests).toBe(2);
+  await vi.advanceTimersByTimeAsync(6000);
+  expect(requests).toBe(2);
+  await vi.advanceTimersByTimeAsync(7000);
+  expect(requests).toBeGreaterThan(2);
+  page.stop();
+  vi.useRealTimers();
 });

@@ -1,5 +1,7 @@
 /** State and behaviour of the page without its DOM: served verbs, requested view, displayed figures. */
 
+import type { Access } from "./access/access";
+import { retryMs } from "./api/request";
 import { Problem } from "./api/rest";
 import { VersionComparison } from "./comparison";
 import { crowdGoals } from "./crowd";
@@ -66,10 +68,14 @@ export class Page implements App {
   private targetKey = "";
   private loading = "";
   private refreshTimer: ReturnType<typeof setInterval> | undefined;
+  private refreshing = false;
+  /** Time before which the list of verbs is not requested, ms. */
+  private refreshAtMs = 0;
 
   constructor(
     readonly store: Store,
     readonly rest: Rest,
+    readonly access: Access,
     port: Port,
     private readonly reducedMotion: boolean,
   ) {
@@ -101,9 +107,30 @@ export class Page implements App {
   }
 
   start(address: string): void {
-    this.stream.start(address);
+    this.stream.start(address, this.streamKey);
+    this.access.on(() => {
+      this.stream.setKey(this.streamKey);
+      this.emitter.emit("access", null);
+    });
+    this.loadAccess();
     this.refreshTimer = setInterval(() => void this.refresh(), REFRESH_MS);
     void this.reload();
+  }
+
+  /** Key of the stream; null while another is needed, or if this one does not permit streams. */
+  private get streamKey(): string | null {
+    return this.access.problem !== null || !this.access.may("pose") ? null : this.access.key;
+  }
+
+  /** Request what the key permits; until that is known, the server refuses what it does not. */
+  private loadAccess(): void {
+    this.access.load().catch((err: unknown) => setTimeout(() => this.loadAccess(), retryMs(err, RETRY_MS)));
+  }
+
+  /** Remove the key from this tab; the prompt appears if the server needs one. */
+  forgetKey(): void {
+    this.access.forget();
+    this.loadAccess();
   }
 
   stop(): void {
@@ -132,9 +159,10 @@ export class Page implements App {
   async reload(): Promise<void> {
     try {
       this.verbs = await this.rest.verbs();
-    } catch {
+    } catch (err) {
       // The connection state is shown by the overlay; only retry here.
-      setTimeout(() => void this.reload(), RETRY_MS);
+      if (err instanceof Problem && err.retryMs > 0) this.notify(err.detail);
+      setTimeout(() => void this.reload(), retryMs(err, RETRY_MS));
       return;
     }
     this.emitter.emit("verbs", this.verbs);
@@ -144,8 +172,13 @@ export class Page implements App {
 
   /** Follow changes of the served verbs by other clients; does nothing if there are none or no response. */
   async refresh(): Promise<void> {
-    if (!this.loaded) return;
-    const verbs = await this.rest.verbs().catch(() => this.verbs);
+    if (!this.loaded || this.refreshing || performance.now() < this.refreshAtMs) return;
+    this.refreshing = true;
+    const verbs = await this.rest.verbs().catch((err: unknown) => {
+      this.refreshAtMs = performance.now() + retryMs(err, 0);
+      return this.verbs;
+    });
+    this.refreshing = false;
     if (same(verbs, this.verbs)) return;
     this.verbs = verbs;
     this.emitter.emit("verbs", verbs);
@@ -230,11 +263,12 @@ export class Page implements App {
       if (this.loading === name) this.show(verb);
     } catch (err) {
       if (this.loading !== name) return;
-      if (err instanceof Problem && err.status === 0) setTimeout(() => void this.load(), RETRY_MS);
-      else {
-        if (err instanceof Problem && err.code === "unknown_verb") await this.refresh();
-        if (this.store.view.verb === name) this.notify(textOf(err), "error");
-      }
+      const offline = err instanceof Problem && err.status === 0;
+      const limited = err instanceof Problem && err.retryMs > 0;
+      if (offline || limited) setTimeout(() => this.loading === name && void this.load(), retryMs(err, RETRY_MS));
+      if (offline) return;
+      if (err instanceof Problem && err.code === "unknown_verb") await this.refresh();
+      if (this.store.view.verb === name) this.notify(textOf(err), limited ? "note" : "error");
     }
   }
 
@@ -303,6 +337,9 @@ export class Page implements App {
     switch (message.kind) {
       case "connection":
         return this.onConnection(message);
+      case "unauthenticated":
+        this.access.refuse(message.key, message.detail);
+        return this.stream.setKey(this.streamKey);
       case "opened":
         return this.onOpened(message.role, message.opened);
       case "stats":

@@ -1,6 +1,8 @@
 /** Entry point: creates the parts of the page and connects them. */
 
-import { createRest } from "./api/rest";
+import { Access, tabStorage } from "./access/access";
+import { keyPrompt } from "./access/prompt";
+import { callerOf, createRest } from "./api/rest";
 import { Page } from "./app";
 import { Inclines } from "./incline";
 import { motionExtent } from "./motion_extent";
@@ -30,9 +32,11 @@ function start(): void {
   const store = createStore(reducedMotion && !location.hash.includes("playing=") ? { ...link, playing: false } : link);
   syncAddress(store);
   const colours = new ThemeController(store, document.documentElement);
+  const access = new Access(tabStorage(), callerOf);
   const page = new Page(
     store,
-    createRest("", ({ code }) => code === "unknown_verb" && void page.refresh()),
+    createRest("", access, ({ code }) => code === "unknown_verb" && void page.refresh()),
+    access,
     openWorker(),
     reducedMotion,
   );
@@ -55,6 +59,7 @@ function start(): void {
   const hud = driveHud(page, () => stage?.drawn ?? null);
   scene.append(values, hud, overlay(page, scene), notices(page), find, bar);
   document.body.append(header(page, help), scene, panel(page, verbTab(page, reset)), draftPart(page, colours), keys);
+  document.body.append(keyPrompt(access));
   bindKeys(page, reset, help);
   page.drive.keyboard.listen(window);
   try {

@@ -6,6 +6,7 @@
  */
 
 import type { Object3D } from "three";
+import type { Access } from "./access/access";
 import type { DraftRest } from "./drafts/types";
 import type { components } from "./generated/schema";
 import type { Palette } from "./scene/palette";
@@ -217,6 +218,7 @@ export interface Shown {
 export interface App {
   readonly store: Store;
   readonly rest: Rest;
+  readonly access: Access;
   /** Served verbs; empty before the list is loaded. */
   readonly verbs: readonly VerbSummary[];
   /** Description of the selected verb in its current version; null while loading. */
@@ -233,11 +235,15 @@ export interface App {
   reload(): Promise<void>;
   /** Reload the list of verbs if another client changed it. */
   refresh(): Promise<void>;
+  /** Remove the key from this tab. */
+  forgetKey(): void;
   /** Show a notice for a few seconds; errors stay until dismissed. */
   notify(text: string, kind?: "note" | "error"): void;
 }
 
 export interface AppEvents {
+  /** The key, or what it permits, changed. */
+  access: null;
   /** Another verb, or another version of it, was loaded. */
   verb: Verb;
   /** The list of verbs changed. */
@@ -265,14 +271,17 @@ export interface Rest {
    */
   upload(content: Blob, progress?: (share: number) => void, signal?: AbortSignal, expected?: number): Promise<Upload>;
   remove(verb: string): Promise<void>;
-  /** URL of a version's artifact. */
+  /** Content of a path, such as `artifact`. */
+  download(path: string, signal?: AbortSignal): Promise<Blob>;
+  /** Path of a version's artifact. */
   artifact(verb: string, version: number): string;
   refine(verb: string, request: Partial<RefinementRequest>): Promise<Refinement>;
   refinements(query?: { verb?: string; limit?: number }, signal?: AbortSignal): Promise<Refinement[]>;
   refinement(id: string, signal?: AbortSignal): Promise<Refinement>;
   cancel(id: string): Promise<Refinement>;
-  /** Follow a refinement until it ends or the returned function is called; the browser reconnects. */
+  /** Follow a refinement until it ends or the returned function is called; reconnects. */
   follow(id: string, then: (refinement: Refinement, end: boolean) => void): () => void;
+
   /** One pose. */
   pose(verb: string, request: PoseRequest, signal?: AbortSignal): Promise<PoseAnswer>;
   /** Many poses, as JSON. */

@@ -1,11 +1,11 @@
 /** Typed calls of the draft routes. */
 
-import { type Send, sendFile } from "../api/request";
+import type { Send, SendFile } from "../api/request";
 import { readMotion } from "./motion_file";
 import type { DraftRest, DraftSummary } from "./types";
 
 /** @param send fetch that throws a `Problem` */
-export function draftRest(send: Send, base = ""): DraftRest {
+export function draftRest(send: Send, sendFile: SendFile, base = ""): DraftRest {
   const at = (id: string) => `${base}/v1/drafts/${encodeURIComponent(id)}`;
   const json = async <T>(path: string, init?: RequestInit): Promise<T> => (await send(path, init)).json();
   const body = (method: string, content: unknown, headers: Record<string, string> = {}): RequestInit => ({

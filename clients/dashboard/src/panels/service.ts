@@ -1,10 +1,13 @@
 /** Service tab: server health, charts, and this page's stream. */
 
+import { retryMs } from "../api/request";
 import { textOf } from "../app";
 import { h } from "../shell/dom";
+import { download } from "../shell/download";
 import { CONNECTION_LABELS } from "../shell/header";
 import type { App, Ready, Stats } from "../types";
 import { bytes, countText, digits } from "../units";
+import { accessPart } from "./parts/access_part";
 import { Disposables } from "./parts/disposables";
 import { History } from "./parts/history";
 import { between, type Scrape, type ServerMetrics, scrapeOf } from "./parts/server_metrics";
@@ -20,6 +23,7 @@ export function mount(host: HTMLElement, app: App): () => void {
   const poller = new MetricsPoller(app, (metrics) => history.add(metrics));
   host.append(
     h("section", { "aria-label": "Server" }, serverLine(app, disposables), poller.health, poller.failure),
+    accessPart(app, disposables),
     h("h2", {}, "This page’s stream"),
     streamNumbers(app, disposables),
     h("h2", {}, "Server, last 5 minutes"),
@@ -55,16 +59,18 @@ class MetricsPoller {
 
   private async poll(): Promise<void> {
     const { signal } = this.stopped;
+    let everyMs = document.hidden ? HIDDEN_MS : EVERY_MS;
     try {
       await this.scrape(signal);
       this.failure.hidden = true;
     } catch (err) {
+      everyMs = retryMs(err, everyMs);
       this.before = null;
       this.scrapes = 0;
       this.failure.textContent = textOf(err);
       this.failure.hidden = false;
     }
-    if (!signal.aborted) this.timer = setTimeout(() => void this.poll(), document.hidden ? HIDDEN_MS : EVERY_MS);
+    if (!signal.aborted) this.timer = setTimeout(() => void this.poll(), everyMs);
   }
 
   private async scrape(signal: AbortSignal): Promise<void> {
@@ -83,8 +89,24 @@ function serverLine(app: App, disposables: Disposables): HTMLElement {
     ({ info }) => disposables.disposed || version.replaceChildren(`Adverb, API version ${info.version}`),
     () => {}, // the line below shows the connection error
   );
-  const docs = h("a", { href: "/docs", target: "_blank", rel: "noopener" }, "API reference");
-  return h("p", { className: "server-line" }, version, docs);
+  return h("p", { className: "server-line" }, version, reference(app, disposables));
+}
+
+/** Link to the API reference; a link cannot send a key, so with one its source is downloaded instead. */
+function reference(app: App, disposables: Disposables): HTMLElement {
+  const link = h("a", { href: "/docs", target: "_blank", rel: "noopener" }, "API reference");
+  const button = h("button", { type: "button", className: "more" }, "OpenAPI document");
+  button.onclick = async () => {
+    const problem = await download(app, "/openapi.json", "openapi.json");
+    if (problem) app.notify(problem, "error");
+  };
+  const show = () => {
+    link.hidden = app.access.key !== "";
+    button.hidden = !link.hidden;
+  };
+  disposables.add(app.on("access", show));
+  show();
+  return h("span", {}, link, button);
 }
 
 /** A degraded server has no store and serves cached verbs. */

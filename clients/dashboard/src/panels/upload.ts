@@ -8,6 +8,7 @@ import { bytes } from "../units";
 import { Disposables } from "./parts/disposables";
 import { draftList } from "./parts/draft_list";
 import { type FolderFile, isSource, readChosen, readDropped, zipClips, zipSource } from "./parts/folder";
+import { scoped } from "./parts/scoped";
 import { SerialQueue } from "./parts/serial_queue";
 import { isZipOfClips, readVerbName } from "./parts/verb_name";
 
@@ -66,14 +67,15 @@ export function mount(host: HTMLElement, app: App): () => void {
   const folder = async (list: FileList | null) => {
     if (list && list.length > 0) await pack(readChosen(list));
   };
-  host.append(
-    dropZone((files) => void take(files)),
+  const choose = scoped(
+    app,
+    "author",
+    "text",
+    dropZone((files) => app.access.may("author") && void take(files)),
     folderPicker((list) => void folder(list)),
-    list,
-    draftList(app, disposables),
-    needs(),
   );
-  disposables.add(() => stop.abort());
+  host.append(choose.element, list, draftList(app, disposables), needs(app));
+  disposables.add(choose.dispose, () => stop.abort());
   return () => disposables.dispose();
 }
 
@@ -126,7 +128,7 @@ function folderPicker(take: (files: FileList | null) => void): HTMLElement {
   return h("div", { className: "actions" }, input, button);
 }
 
-function needs(): HTMLElement {
+function needs(app: App): HTMLElement {
   const docs = h(
     "a",
     { href: "/docs#upload_verb", target: "_blank", rel: "noopener" },
@@ -137,7 +139,7 @@ function needs(): HTMLElement {
     {},
     h("h2", {}, "What can be uploaded"),
     h("ul", { className: "needs" }, ...NEEDS.map((line) => h("li", {}, line))),
-    docs,
+    app.access.key === "" && docs, // a link cannot send a key
   );
 }
 

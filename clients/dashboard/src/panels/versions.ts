@@ -3,11 +3,13 @@
 import { Problem } from "../api/rest";
 import { textOf } from "../app";
 import { h } from "../shell/dom";
+import { download } from "../shell/download";
 import { methodLabel } from "../shell/header";
 import type { App, Refinement, Version, Versions } from "../types";
 import { bytes, countText, digits, errorUnit, kappa } from "../units";
 import { Disposables } from "./parts/disposables";
 import { ageText, authorText, progressOf, qualityRows } from "./parts/labels";
+import { missing } from "./parts/scoped";
 
 const LONG_REASON = 90;
 const REFRESH_MS = 30_000;
@@ -36,6 +38,7 @@ class List {
       app.on("verb", () => void this.load()),
       app.store.on(["verb"], () => this.clear()),
       app.store.on(["compare"], () => this.show()),
+      app.on("access", () => this.show()),
     );
     void this.load();
   }
@@ -77,15 +80,25 @@ class List {
   private row(version: Version, current: number | null): HTMLElement {
     const { app } = this;
     const actions = version.current ? [] : [this.activateButton(version, current), this.compareButton(version.version)];
-    const href = app.rest.artifact(version.verb, version.version);
     return h(
       "li",
       { className: version.current ? "version-row current" : "version-row" },
       rowHead(version),
       reasonLine(version),
       qualityTable(version, app.verb?.measure.unit ?? "m", this.pseudoIn(version)),
-      h("div", { className: "actions" }, ...actions, h("a", { className: "button", href, download: "" }, "Download")),
+      h("div", { className: "actions" }, ...actions, this.downloadButton(version)),
     );
+  }
+
+  private downloadButton({ verb, version }: Version): HTMLElement {
+    const button = h("button", { type: "button" }, "Download");
+    button.onclick = async () => {
+      button.disabled = true;
+      const problem = await download(this.app, this.app.rest.artifact(verb, version), `${verb}-v${version}.verb`);
+      button.disabled = false;
+      this.fail(problem);
+    };
+    return button;
   }
 
   private pseudoIn({ verb, version }: Version): number {
@@ -96,6 +109,8 @@ class List {
   private activateButton(version: Version, current: number | null): HTMLElement {
     const older = current !== null && version.version < current;
     const button = h("button", { type: "button" }, `${older ? "Roll back to" : "Activate"} v${version.version}`);
+    button.disabled = !this.app.access.may("author");
+    if (button.disabled) button.title = missing("author");
     button.onclick = () => {
       button.disabled = true;
       void this.activate(version, current);

@@ -3,6 +3,7 @@
 import { Problem } from "../api/request";
 import { type Page, textOf } from "../app";
 import type { AddedExample } from "../drafts/types";
+import { scoped } from "../panels/parts/scoped";
 import { adverbUnit, digits } from "../units";
 import { h } from "./dom";
 
@@ -36,7 +37,8 @@ export function addClip(page: Page): HTMLElement {
     button.disabled = false;
   };
   page.store.on(["verb"], () => status.replaceChildren());
-  return h("div", { className: "add-clip" }, input, button, status);
+  const control = scoped(page, "author", "text", input, button).element;
+  return h("div", { className: "add-clip" }, control, status);
 }
 
 const NO_SOURCE =

@@ -1,6 +1,7 @@
 /** Notices, and the overlay for missing content. */
 
 import type { Page } from "../app";
+import { missing } from "../panels/parts/scoped";
 import { h } from "./dom";
 
 const NOTE_MS = 5000;
@@ -33,14 +34,28 @@ export function overlay(page: Page, scene: HTMLElement): HTMLElement {
   const element = h("div", { className: "overlay", role: "status" }, title, detail, upload);
   let failure = "";
   const show = () => {
-    const { connection } = page;
-    const offline = connection === "lost" || (connection === "connecting" && failure !== "");
+    const { access, connection } = page;
+    const denied = access.problem === null && !access.may("pose");
+    const offline = !denied && (connection === "lost" || (connection === "connecting" && failure !== ""));
     const empty = page.loaded && page.verbs.length === 0;
-    scene.classList.toggle("offline", offline);
-    element.hidden = !offline && !empty && page.shown.main !== null;
-    upload.hidden = offline || !empty;
-    title.textContent = offline ? "No connection to the server; retrying…" : empty ? "No verbs" : "Loading…";
-    detail.textContent = offline ? failure : empty ? "Upload a verb, or start the server with --data." : "";
+    scene.classList.toggle("offline", offline || denied);
+    element.hidden = !denied && !offline && !empty && page.shown.main !== null;
+    upload.hidden = denied || offline || !empty;
+    if (denied) {
+      title.textContent = "No stream";
+      detail.textContent = missing("pose");
+      return;
+    }
+    title.textContent =
+      access.problem !== null
+        ? "A key is needed"
+        : offline
+          ? "No connection to the server; retrying…"
+          : empty
+            ? "No verbs"
+            : "Loading…";
+    detail.textContent =
+      access.problem ?? (offline ? failure : empty ? "Upload a verb, or start the server with --data." : "");
   };
   page.on("connection", () => {
     if (page.connection === "open") failure = "";
@@ -50,6 +65,7 @@ export function overlay(page: Page, scene: HTMLElement): HTMLElement {
     failure = reason;
     show();
   });
+  page.on("access", show);
   page.on("verbs", show);
   page.on("verb", show);
   page.on("frame", () => {

@@ -24,8 +24,13 @@ export class StreamClient {
     port.onmessage = ({ data }) => this.take(data);
   }
 
-  start(address: string): void {
-    this.port.postMessage({ kind: "start", address }, []);
+  start(address: string, key: string | null): void {
+    this.port.postMessage({ kind: "start", address, key }, []);
+  }
+
+  /** Connect with another key; null: disconnect until there is one. */
+  setKey(key: string | null): void {
+    this.port.postMessage({ kind: "key", key }, []);
   }
 
   setTarget(target: StreamTarget): void {

@@ -42,7 +42,9 @@ export interface StreamTarget {
 }
 
 export type ToWorker =
-  | { kind: "start"; address: string }
+  | { kind: "start"; address: string; key: string | null }
+  /** Connect with this key, empty for none; null: stay disconnected until there is another. */
+  | { kind: "key"; key: string | null }
   | { kind: "setTarget"; target: StreamTarget }
   /** Draw at a time (ms since 1970); earlier arrays are passed for reuse. */
   | { kind: "draw"; atMs: number; spare: Float32Array[] }
@@ -57,6 +59,8 @@ export type FromWorker =
   | { kind: "pictures"; pictures: Record<Role, Drawn | null> }
   | { kind: "opened"; role: Role; opened: Opened }
   | { kind: "connection"; connection: Connection; detail: string; againInS: number }
+  /** The stream was closed because its key is not valid any more; it waits for another. */
+  | { kind: "unauthenticated"; key: string; detail: string }
   | { kind: "stats"; stats: Stats }
   | { kind: "event"; name: string; phase: number }
   | { kind: "end" }

@@ -9,23 +9,32 @@ import { countText } from "../../units";
 import type { Disposables } from "./disposables";
 import { ageText } from "./labels";
 
+/** Problems that the upload above states. */
+const STATED = new Set(["read_only", "missing_scope"]);
+
 export function draftList(app: App, disposables: Disposables): HTMLElement {
   const list = h("ul", { className: "versions-list", "aria-label": "Drafts" });
   const failure = h("p", { className: "quiet", hidden: true });
   const element = h("section", { hidden: true }, h("h2", {}, "Drafts"), failure, list);
   const load = async () => {
+    element.hidden = !app.access.may("author");
+    if (element.hidden) return;
     try {
       const drafts = await app.rest.drafts.list();
       list.replaceChildren(...drafts.map((draft) => row(app, draft)));
       element.hidden = drafts.length === 0;
+      failure.hidden = true;
     } catch (err) {
-      const readOnly = err instanceof Problem && err.code === "read_only"; // the upload states the reason
-      element.hidden = readOnly;
+      const stated = err instanceof Problem && STATED.has(err.code);
+      element.hidden = stated;
       failure.textContent = textOf(err);
       failure.hidden = false;
     }
   };
-  disposables.add(app.store.on(["draft"], () => void load()));
+  disposables.add(
+    app.store.on(["draft"], () => void load()),
+    app.on("access", () => void load()),
+  );
   void load();
   return element;
 }

@@ -1,7 +1,7 @@
 import { describe, expect, test } from "vitest";
 import type { Refinement, Version } from "../../types";
 import { adverbUnit, bytes, digits, errorText, errorUnit, kappa } from "../../units";
-import { ageText, authorText, detailText, percent, qualityRows, stateText } from "./labels";
+import { ageText, authorText, callerText, detailText, percent, qualityRows, stateText } from "./labels";
 
 const refinement = (part: Partial<Refinement>) =>
   ({ detail: "", progress: {}, version_after: null, ...part }) as Refinement;
@@ -105,4 +105,12 @@ test("errors are in mm below 1 m and in m above; other units are kept", () => {
   ]);
   expect(errorUnit("rad", 0.4)).toEqual({ text: "rad", factor: 1 });
   expect(errorText(0.25, "SI")).toBe("0.25 (SI)");
+});
+
+test("a key is described by name, scopes and end", () => {
+  const caller = { required: true, id: "9f3c", name: "", scopes: ["pose", "refine"], expires_at: null };
+  expect(callerText(caller)).toBe("9f3c · pose, refine · does not expire");
+  expect(callerText({ ...caller, name: "game", scopes: [] })).toContain("game · no scopes");
+  expect(callerText({ ...caller, expires_at: 2e9 })).toMatch(/expires .*2033/);
+  expect(callerText({ ...caller, required: false })).toBe("This server needs no key.");
 });

@@ -1,5 +1,6 @@
 /** Texts about refinements and versions. */
 
+import type { Caller } from "../../access/access";
 import type { Refinement, Version } from "../../types";
 import { digits } from "../../units";
 
@@ -136,4 +137,11 @@ export function qualityRows({ quality }: Version): QualityRow[] {
 export function authorText({ author, parent }: Version): string {
   const name = author.startsWith("job ") ? "refinement" : author;
   return parent === null ? name : `${name} of version ${parent}`;
+}
+
+/** Name, scopes and end of a key. */
+export function callerText({ required, id, name, scopes, expires_at }: Caller): string {
+  if (!required) return "This server needs no key.";
+  const end = expires_at === null ? "does not expire" : `expires ${new Date(1000 * expires_at).toLocaleString()}`;
+  return `${name || id} · ${scopes.join(", ") || "no scopes"} · ${end}`;
 }

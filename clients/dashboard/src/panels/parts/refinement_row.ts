@@ -1,5 +1,6 @@
 /** One refinement: progress, error curve and result. */
 
+import { retryMs } from "../../api/request";
 import { h } from "../../shell/dom";
 import { methodLabel } from "../../shell/header";
 import type { App, Refinement } from "../../types";
@@ -7,6 +8,7 @@ import { digits } from "../../units";
 import { Chart } from "./chart";
 import { ageText, detailText, percent, progressOf, running, stateText } from "./labels";
 import { figuresElement, qualityFigures } from "./refinement_figures";
+import { scoped } from "./scoped";
 
 /** Poll a refinement after this long without an event. */
 const POLL_AFTER_MS = 5000;
@@ -42,12 +44,14 @@ export class RefinementRow {
   private readonly note = h("small", { className: "refinement-note" });
   private readonly bar = h("progress", { max: 1, "aria-label": "Refinement" });
   private readonly stop = h("button", { type: "button", onclick: () => void this.cancel() }, "Cancel");
+  private readonly control: ReturnType<typeof scoped>;
   private readonly body = h("div", { className: "refinement-body" });
   private chart: Chart | null = null;
   private figures: HTMLElement | null = null;
   private unfollow = () => {};
   private timer: ReturnType<typeof setInterval> | undefined;
   private updatedMs = performance.now();
+  private polling = false;
 
   constructor(
     private readonly app: App,
@@ -55,11 +59,12 @@ export class RefinementRow {
     private readonly onError: (err: unknown) => void,
   ) {
     this.refinement = refinement;
+    this.control = scoped(app, "refine", "title", this.stop);
     const about = h("summary", {}, this.state, this.when);
     const details = h("details", { className: "refinement-row", open: running(refinement) }, about, this.body);
     details.ontoggle = () => this.draw();
     this.element = details;
-    this.body.append(h("div", { className: "refinement-run" }, this.bar, this.stop), this.note);
+    this.body.append(h("div", { className: "refinement-run" }, this.bar, this.control.element), this.note);
     if (running(refinement)) this.follow();
     this.show(refinement);
   }
@@ -93,6 +98,7 @@ export class RefinementRow {
 
   dispose(): void {
     this.unsubscribe();
+    this.control.dispose();
     this.chart?.dispose();
     this.element.remove();
   }
@@ -101,12 +107,19 @@ export class RefinementRow {
   private follow(): void {
     this.unfollow = this.app.rest.follow(this.id, (refinement) => this.show(refinement));
     this.timer = setInterval(() => {
-      if (performance.now() - this.updatedMs < POLL_AFTER_MS) return;
-      this.app.rest.refinement(this.id).then(
-        (refinement) => running(this.refinement) && this.show(refinement),
-        () => {}, // the next poll retries
-      );
+      if (!this.polling && performance.now() - this.updatedMs >= POLL_AFTER_MS) void this.poll();
     }, POLL_AFTER_MS);
+  }
+
+  private async poll(): Promise<void> {
+    this.polling = true;
+    try {
+      const refinement = await this.app.rest.refinement(this.id);
+      if (running(this.refinement)) this.show(refinement);
+    } catch (err) {
+      this.updatedMs = performance.now() + retryMs(err, 0); // a later poll retries
+    }
+    this.polling = false;
   }
 
   private unsubscribe(): void {

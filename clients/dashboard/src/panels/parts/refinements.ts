@@ -7,6 +7,7 @@ import type { App, Refinement, RefinementRequest } from "../../types";
 import type { Disposables } from "./disposables";
 import { refinementForm } from "./refinement_form";
 import { RefinementRow } from "./refinement_row";
+import { scoped } from "./scoped";
 
 const MOST = 6;
 const AGE_MS = 30_000;
@@ -25,7 +26,8 @@ export class Refinements {
     private readonly app: App,
     private readonly disposables: Disposables,
   ) {
-    const parts = [h("h2", {}, "Refinement"), this.form.element, this.failure, this.list];
+    const form = scoped(app, "refine", "text", this.form.element);
+    const parts = [h("h2", {}, "Refinement"), form.element, this.failure, this.list];
     this.element = h("section", { "aria-label": "Refinement" }, ...parts);
     const timer = setInterval(() => this.age(), AGE_MS);
     disposables.add(
@@ -33,6 +35,7 @@ export class Refinements {
       app.store.on(["verb"], () => void this.load()),
       app.on("verb", () => this.setAim()),
       () => this.clear(),
+      form.dispose,
     );
     this.setAim();
     void this.load();

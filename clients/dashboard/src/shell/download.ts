@@ -1,0 +1,17 @@
+/** Downloads with the key of this tab, which a link cannot send. */
+
+import { textOf } from "../app";
+import type { App } from "../types";
+import { h } from "./dom";
+
+/** Save a path of the server as a file; returns the problem, or an empty text. */
+export async function download({ rest }: App, path: string, name: string): Promise<string> {
+  try {
+    const href = URL.createObjectURL(await rest.download(path));
+    h("a", { href, download: name }).click();
+    URL.revokeObjectURL(href);
+    return "";
+  } catch (err) {
+    return textOf(err);
+  }
+}

@@ -12,6 +12,7 @@ from tests.service.access.conftest import added, bearer
 
 pytestmark = [pytest.mark.xdist_group("dashboard"), pytest.mark.slow]
 
+PAGE_OF_CHANGES = 20
 REFUSED = ("401", "403", "WebSocket connection")
 """What a browser logs about refused requests."""
 
@@ -199,3 +200,24 @@ def test_too_many_streams_of_a_key(page, guarded, browser):
         page.tab.goto("about:blank")
         second.until(STREAMS)
         second.ignore(*REFUSED)
+
+
+def test_changes_are_listed_by_pages_and_verbs(page, guarded):
+    key = guarded.key("admin", name="chief")
+    with guarded.client(key) as client:
+        for _ in range(PAGE_OF_CHANGES // 2 + 1):
+            job = client.post("/v1/verbs/board/refinements", json={"budget_s": 5}).raise_for_status().json()["id"]
+            client.delete(f"/v1/refinements/{job}").raise_for_status()
+        client.delete("/v1/verbs/arm3").raise_for_status()
+    visit(page, panel="versions")
+    enter_accepted(page, key)
+    page.tab.get_by_text("Changes", exact=True).click()
+    rows = page.tab.get_by_role("list", name="Changes").get_by_role("listitem")
+    rows.first.get_by_text("Deleted arm3").wait_for()
+    assert "(chief)" in rows.first.inner_text()
+    assert rows.count() == PAGE_OF_CHANGES
+    page.tab.get_by_role("button", name="Older changes").click()
+    page.until(f"document.querySelectorAll('.changes li').length > {PAGE_OF_CHANGES}")
+    page.tab.locator(".changes select").select_option("arm3")
+    page.until(f"document.querySelectorAll('.changes li').length < {PAGE_OF_CHANGES}")
+    assert all("arm3" in text for text in rows.all_inner_texts())

@@ -19,6 +19,7 @@ export type Refinement = components["schemas"]["RefinementAnswer"];
 export type RefinementRequest = components["schemas"]["RefinementRequest"];
 export type Upload = components["schemas"]["UploadAnswer"];
 export type Ready = components["schemas"]["Ready"];
+export type Change = components["schemas"]["_ChangeOfVerb"];
 export type Opened = components["schemas"]["Opened"];
 
 /** Comparison figure: none, another method, or another version at the same goal. */
@@ -281,7 +282,8 @@ export interface Rest {
   cancel(id: string): Promise<Refinement>;
   /** Follow a refinement until it ends or the returned function is called; reconnects. */
   follow(id: string, then: (refinement: Refinement, end: boolean) => void): () => void;
-
+  /** Changes of verbs, the newest first; `before` is the number of the last one of the page before. */
+  changes(query: { limit: number; verb?: string; before?: number }, signal?: AbortSignal): Promise<Change[]>;
   /** One pose. */
   pose(verb: string, request: PoseRequest, signal?: AbortSignal): Promise<PoseAnswer>;
   /** Many poses, as JSON. */

@@ -59,6 +59,10 @@ export function createRest(
         then(refinement, end);
         return end;
       }),
+    changes: async (query, signal) => {
+      const params = new URLSearchParams(Object.entries(query).map(([name, value]) => [name, String(value)]));
+      return (await json<components["schemas"]["AuditAnswer"]>(`/v1/audit?${params}`, withSignal(signal))).changes;
+    },
     pose: (verb, request, signal) => json(`${at(verb)}/pose`, postJson(request, signal)),
     poses: async (verb, request, signal) =>
       (await json<components["schemas"]["PosesAnswer"]>(`${at(verb)}/poses`, postJson(request, signal))).poses,

@@ -7,6 +7,7 @@ import { download } from "../shell/download";
 import { methodLabel } from "../shell/header";
 import type { App, Refinement, Version, Versions } from "../types";
 import { bytes, countText, digits, errorUnit, kappa } from "../units";
+import { changesPart } from "./parts/changes";
 import { Disposables } from "./parts/disposables";
 import { ageText, authorText, progressOf, qualityRows } from "./parts/labels";
 import { missing } from "./parts/scoped";
@@ -17,7 +18,7 @@ const REFRESH_MS = 30_000;
 export function mount(host: HTMLElement, app: App): () => void {
   const disposables = new Disposables();
   const list = new List(app, disposables);
-  host.append(list.failure, list.element);
+  host.append(changesPart(app, disposables), list.failure, list.element);
   return () => disposables.dispose();
 }
 

@@ -1,7 +1,7 @@
 import { describe, expect, test } from "vitest";
 import type { Refinement, Version } from "../../types";
 import { adverbUnit, bytes, digits, errorText, errorUnit, kappa } from "../../units";
-import { ageText, authorText, callerText, detailText, percent, qualityRows, stateText } from "./labels";
+import { ageText, authorText, callerText, changeText, detailText, percent, qualityRows, stateText } from "./labels";
 
 const refinement = (part: Partial<Refinement>) =>
   ({ detail: "", progress: {}, version_after: null, ...part }) as Refinement;
@@ -105,6 +105,13 @@ test("errors are in mm below 1 m and in m above; other units are kept", () => {
   ]);
   expect(errorUnit("rad", 0.4)).toEqual({ text: "rad", factor: 1 });
   expect(errorText(0.25, "SI")).toBe("0.25 (SI)");
+});
+
+test("changes are named by kind, verb and version", () => {
+  const change = { id: 3, verb: "reach", kind: "activate", number: 2, current: 2, author: "", reason: "", at: 0 };
+  expect(changeText(change)).toBe("Activated reach\u00a0v2");
+  expect(changeText({ ...change, kind: "delete" })).toContain("Deleted reach");
+  expect(changeText({ ...change, kind: "restore" })).toBe("restore: reach v2"); // of a newer server
 });
 
 test("a key is described by name, scopes and end", () => {

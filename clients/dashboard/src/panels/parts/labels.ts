@@ -1,7 +1,7 @@
 /** Texts about refinements and versions. */
 
 import type { Caller } from "../../access/access";
-import type { Refinement, Version } from "../../types";
+import type { Change, Refinement, Version } from "../../types";
 import { digits } from "../../units";
 
 /** Progress of a refinement; missing fields get defaults. */
@@ -144,4 +144,16 @@ export function callerText({ required, id, name, scopes, expires_at }: Caller): 
   if (!required) return "This server needs no key.";
   const end = expires_at === null ? "does not expire" : `expires ${new Date(1000 * expires_at).toLocaleString()}`;
   return `${name || id} · ${scopes.join(", ") || "no scopes"} · ${end}`;
+}
+
+const CHANGES: Record<string, (change: Change) => string> = {
+  publish: ({ verb, number }) => `Published ${verb}\u00a0v${number}`,
+  activate: ({ verb, number }) => `Activated ${verb}\u00a0v${number}`,
+  delete: ({ verb, number }) => `Deleted ${verb}, which had v${number}`,
+  refine: ({ verb, number }) => `Started a refinement of ${verb}\u00a0v${number}`,
+  cancel: ({ verb, number }) => `Cancelled a refinement of ${verb}\u00a0v${number}`,
+};
+
+export function changeText(change: Change): string {
+  return CHANGES[change.kind]?.(change) ?? `${change.kind}: ${change.verb} v${change.number}`;
 }

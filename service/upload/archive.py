@@ -114,7 +114,8 @@ def _check(archive: Path, members: list[zipfile.ZipInfo]) -> None:
             raise SourceError(archive, f"the archive's file '{row.filename[:100]}' is a link; put the file itself in")
         if row.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others are unpacked as a whole
             name = row.filename[:100]
-            raise SourceError(archive, f"the archive's file '{name}' is compressed by another method than deflate")
+            problem = "is compressed by another method than deflate; pack it anew, with the zip program's default"
+            raise SourceError(archive, f"the archive's file '{name}' {problem}")
 
 
 def _write(opened: zipfile.ZipFile, row: zipfile.ZipInfo, path: Path, left: int, archive: Path) -> int:

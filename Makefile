@@ -17,7 +17,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-scaling bench-refine bench try-image audit sbom licences clean
+.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-scaling bench-refine bench fuzz try-image audit sbom licences clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -82,7 +82,7 @@ lint: setup  ## style, imports, architecture, lock files
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/lint-imports --no-cache
-	@! grep -n '://' requirements.lock requirements.runtime.lock requirements.supply.lock $(DASHBOARD)/package-lock.json || \
+	@! grep -n '://' requirements.lock requirements.runtime.lock requirements.supply.lock requirements.fuzz.lock $(DASHBOARD)/package-lock.json || \
 		(echo "lock files must name no address" && false)
 	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent lint,echo "lint: without npm, the dashboard is left out")
 
@@ -93,6 +93,7 @@ lock: setup  ## resolve the newest allowed versions into the lock files
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group dev pyproject.toml -o requirements.lock
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes pyproject.toml -o requirements.runtime.lock
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group supply -o requirements.supply.lock
+	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group fuzz -o requirements.fuzz.lock
 
 generate: setup  ## rewrite generated files: openapi.json, the dashboard's types of it, built-in verbs
 	@$(BIN)/python -m tools.authoring
@@ -118,6 +119,13 @@ bench-scaling: setup  ## fit the model of docs/scaling.md, check it at three siz
 
 bench-refine: setup  ## measure what a refinement costs those who are served, its speed, and how soon servers swap
 	@$(BIN)/python -m benchmarks.refine
+
+fuzz: setup $(VENV)/.fuzz $(WARM)  ## fuzz all parsers, or with F=… some: names and options of python -m tests.fuzz
+	@$(BIN)/python -m tests.fuzz $(F)
+
+$(VENV)/.fuzz: requirements.fuzz.lock
+	@$(BIN)/pip install -q --require-hashes -r requirements.fuzz.lock
+	@touch $@
 
 bench: setup  ## measure speed; prints ratios in one run
 	@$(BIN)/python -m benchmarks

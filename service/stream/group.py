@@ -110,7 +110,9 @@ class Group:
 
     def check(self, goal: F32) -> None:
         """Raise :class:`verbs.errors.OutOfRange` unless these are adverbs of the verb, finite and not too large."""
-        self.characters.row(goal.astype(np.float64))
+        with np.errstate(invalid="ignore"):  # a signalling NaN, which the check refuses
+            row = goal.astype(np.float64)
+        self.characters.row(row)
 
     def passed(self, step: Step, wanted: I64) -> tuple[list[int], list[int]]:
         """Rows and keytimes of the events of a step, in order; rows whose ``wanted`` (B,) is 0 are left out."""

@@ -329,6 +329,7 @@ async def test_a_ping_tells_the_clock(server):
         (b"\x10\0\1\0" + bytes(12), "out_of_range", 1),
         (struct.pack("<BBH2f", 0x10, 0, 6, 0, 0), "unknown_channel", 6),
         (struct.pack("<BBH2f", 0x10, 0, 1, math.nan, 0), "out_of_range", 1),
+        (struct.pack("<BBH2I", 0x10, 0, 1, 0x7F800001, 0), "out_of_range", 1),  # a signalling NaN
     ],
 )
 async def test_a_mistake_is_named_and_changes_nothing(server, content, code, channel):

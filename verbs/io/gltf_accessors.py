@@ -118,7 +118,8 @@ class Accessors:
 
 def _decoded(raw: np.ndarray[Any, Any], *, normalized: bool) -> F64:
     """Numbers of stored elements; normalised integers cover -1 to 1, or 0 to 1."""
-    values = raw.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        values = raw.astype(np.float64)
     if normalized and raw.dtype.kind in "iu":
         values = np.maximum(values / np.iinfo(raw.dtype).max, -1.0)
     return values

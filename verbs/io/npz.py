@@ -196,8 +196,8 @@ class _Arrays:
         """Finite numbers of a shape, in which -1 is any length."""
         most = 8 * math.prod(length if length >= 0 else MAX_FRAMES for length in shape)
         array = self._array(name, kinds, min(most, _MAX_BYTES), shape)
-        values = array.astype(np.float64)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # signalling NaN
+            values = array.astype(np.float64)
             inside = np.abs(values) <= _MAX_MAGNITUDE  # NaN compares false
         if not inside.all():
             where = np.unravel_index(int(np.argmin(inside)), inside.shape)

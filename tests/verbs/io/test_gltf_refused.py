@@ -35,6 +35,15 @@ def refused(path: Path, **options) -> MotionFileError:
     return caught.value
 
 
+def test_a_signalling_nan_is_refused_without_a_warning(tmp_path):
+    path = tmp_path / "a.glb"
+    content = small().glb()
+    number = np.float32(1 / 8).tobytes()  # the second time
+    assert number in content
+    path.write_bytes(content.replace(number, (0x7F800001).to_bytes(4, "little"), 1))
+    assert refused(path).expected == "finite numbers"
+
+
 # What is changed to what; the place and the expectation and the finding that the error must state.
 WRONG = {
     "no asset": ("asset", None, "JSON chunk", "an object with 'asset'", "'nodes'"),

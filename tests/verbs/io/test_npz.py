@@ -146,6 +146,12 @@ WRONG = {
     "a scale": ("rotation_matrices", 1.1 * MATRIX, "rotation matrices without scale and shear", "0.21 at frame 0"),
     "a mirror": ("rotation_matrices", -MATRIX, "rotation matrices that do not mirror", "-1 at frame 0, joint 0"),
     "nan": ("root_positions", np.full((31, 3), np.nan), "finite numbers up to 1e+09", "nan at [0, 0]"),
+    "a signalling nan": (
+        "root_positions",
+        np.full((31, 3), 0x7F800001, np.uint32).view(np.float32),
+        "finite numbers up to 1e+09",
+        "nan at [0, 0]",
+    ),
     "far away": ("root_positions", np.full((31, 3), 1e12), "finite numbers up to 1e+09", "1000000000000.0 at [0, 0]"),
     "no frames": ("root_positions", np.zeros((0, 3)), "1 to 200000 frames", "0 frames"),
     "a plane root": ("root_positions", np.zeros((31, 2)), "shape (any, 3)", "shape (31, 2)"),

@@ -116,10 +116,10 @@ def _kernels(settings: Settings) -> Iterator[Finding]:
         advice = "set NUMBA_CACHE_DIR to a folder that can be written to"
         yield Finding("kernels", WARNING, f"{folder} cannot be written to: every start compiles", advice)
         return
-    places = [folder] if folder else [Path(__file__).parents[2] / "verbs", Path(__file__).parents[2] / "service"]
-    count = sum(1 for place in places for _ in place.rglob("*.nbi"))
+    folders = [folder] if folder else [Path(__file__).parents[2] / "verbs", Path(__file__).parents[2] / "service"]
+    count = sum(1 for one in folders for _ in one.rglob("*.nbi"))
     if count:
-        yield Finding("kernels", GOOD, f"{count} compiled functions are kept in {places[0]}")
+        yield Finding("kernels", GOOD, f"{count} compiled functions are kept in {folders[0]}")
     else:
         advice = "run python -m service.run.warmup, or let the first start take a minute or two"
         yield Finding("kernels", WARNING, "none are compiled yet", advice)

@@ -26,7 +26,7 @@ test("times and positions of the line belong together", () => {
   expect(shareOf({ start: 1, end: 1, fps: 20 }, 1)).toBe(0);
 });
 
-test("a keytime stays between its neighbours, one frame apart, whatever is asked", () => {
+test("a keytime stays between its neighbours, one frame apart, for any requested time", () => {
   const sorted = fc
     .uniqueArray(fc.integer({ min: 0, max: 40 }), { minLength: 2, maxLength: 6 })
     .map((frames) => frames.sort((a, b) => a - b).map((frame) => 1 + frame / 20));

@@ -186,12 +186,12 @@ class Access:
             self._open.pop(entry, None)
 
     async def _of_token(self, text: str) -> Caller:
-        if self._tokens is None:
-            # A client may have encoded a key as base64url once more, as for a subprotocol.
-            decoded = _decoded(text)
-            if decoded is None:
-                raise _refusal("the key is unknown")
+        # A client may have encoded a key as base64url once more, as for a subprotocol.
+        decoded = _decoded(text) if "." not in text else None
+        if decoded is not None:
             return await self.find(decoded)
+        if self._tokens is None:
+            raise _refusal("the key is unknown")
         subject, scopes, expires_at_s = await self._tokens.verify(text)
         return Caller(f"token of {subject}", subject, subject, scopes, expires_at_s)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import threading
 import time
@@ -13,7 +14,10 @@ from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from jwt.algorithms import ECAlgorithm, RSAAlgorithm
 
 from service.access import tokens as module
-from tests.service.access.conftest import bearer
+from service.access.access import Access
+from service.settings import Settings
+from service.store.keys import open_keys
+from tests.service.access.conftest import added, bearer
 from tests.service.conftest import app_of, client_of
 
 pytestmark = pytest.mark.anyio
@@ -156,3 +160,15 @@ async def test_a_key_set_that_cannot_be_read_opens_nothing(catalog, signers, tmp
     for source in (tmp_path / "keys.json", tmp_path / "none.json"):
         async with client_of(app_of(catalog, jwt_jwks=str(source))) as client:
             assert (await client.get("/v1/verbs", headers=bearer(token(signers)))).status_code == 401
+
+
+@pytest.mark.parametrize("encoded", [False, True])
+async def test_keys_are_accepted_beside_tokens(tmp_path, encoded):
+    settings = Settings(data=tmp_path, jwt_jwks=str(tmp_path / "none.json"))
+    store = open_keys(settings.database)
+    key = added(store, "pose")
+    access = Access(settings, public=False)
+    access.load(store)
+    text = base64.urlsafe_b64encode(key.encode()).decode().rstrip("=") if encoded else key
+    assert (await access.find(text)).scopes == {"pose"}
+    store.close()

@@ -10,6 +10,7 @@ import asyncio
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from fastapi import FastAPI, Response
 from service.access.keys import hash_of, new
 from service.app import create_app
 from service.http.request_models import PoseRequest
+from service.run import logs
 from service.settings import Settings
 from service.store.keys import open_keys
 
@@ -86,6 +88,7 @@ async def measure(asks: dict[str, Callable[[], Any]], rounds: int = 30, each: in
 
 async def run() -> None:
     """Print one table."""
+    logs.configure(Settings(log_level="warning"))
     app = create_app(Settings())
     path, binary, text, rows = "/v1/verbs/reach/pose", OCTETS, JSON, crowd()
     async with app.router.lifespan_context(app):
@@ -115,7 +118,7 @@ async def run() -> None:
 
 
 async def guarded() -> None:
-    """What a key and limits on its rate cost a pose, beside a server that needs none."""
+    """What a key with limits on its rate, and traces, cost a pose, beside a server with neither."""
     path = "/v1/verbs/reach/pose"
     with tempfile.TemporaryDirectory() as without, tempfile.TemporaryDirectory() as folder:
         settings = Settings(data=Path(folder), refiners=0)
@@ -124,18 +127,25 @@ async def guarded() -> None:
         keys.add(id, hash_of(key), name="", scopes=frozenset({"pose"}), expires_at_s=None)
         keys.close()
         rate = "1000000/second"
-        plain, closed = (
+        plain, closed, traced = (
             create_app(settings.model_copy(update={"data": Path(without)})),
             create_app(settings.model_copy(update={"rate_per_key": rate})),
+            create_app(Settings(refiners=0, traces_url="http://127.0.0.1:9", traces_share=0.0)),
         )
-        async with plain.router.lifespan_context(plain), closed.router.lifespan_context(closed):
-            for app in (plain, closed):
+        async with AsyncExitStack() as stack:
+            for app in (plain, closed, traced):
+                await stack.enter_async_context(app.router.lifespan_context(app))
                 while b"true" not in await ready(app):  # noqa: ASYNC110 - the server has no event for it
                     await asyncio.sleep(0.1)
             best = await measure(
-                {"open": lambda: ask(plain, path, OCTETS), "key": lambda: ask(closed, path, OCTETS, key=key)}
+                {
+                    "open": lambda: ask(plain, path, OCTETS),
+                    "key": lambda: ask(closed, path, OCTETS, key=key),
+                    "traced": lambda: ask(traced, path, OCTETS),
+                }
             )
     print(f"  with a key and a rate: {best['key']:.1f} µs, {best['key'] / best['open']:.3f}× of a server without")
+    print(f"  with traces, not recorded: {best['traced'] / best['open']:.3f}×")
 
 
 async def ready(app: Any) -> bytes:

@@ -10,8 +10,9 @@ from fastapi import FastAPI
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 
-from service import errors
+from service import errors, tracing
 from service.catalog.catalog import Catalog
+from service.compute import run_in_thread
 from service.http import openapi
 from service.http.authentication import Authenticate
 from service.http.guard import Guard, allowed_names
@@ -24,6 +25,9 @@ from service.upload.builder import Sandboxes
 
 __all__ = ["create_app"]
 
+UNTRACED = {"/livez", "/readyz", "/v2/health/live", "/v2/health/ready", "/metrics"}
+"""Paths that machines request every few seconds."""
+
 
 def create_app(
     settings: Settings,
@@ -34,6 +38,7 @@ def create_app(
 ) -> FastAPI:
     """Make an app; the options are those of :class:`service.state.ServerState`."""
     state = ServerState(settings, on_ready=on_ready, supervise=supervise, sandboxes=sandboxes)
+    provider = tracing.provider_of(settings)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -44,6 +49,8 @@ def create_app(
             tasks.start_soon(state.hub.run)
             yield
             tasks.cancel_scope.cancel()
+        if provider is not None:
+            await run_in_thread(provider.shutdown)
 
     origins = origins_of(settings.cors_origins)
     app = FastAPI(
@@ -55,9 +62,14 @@ def create_app(
         redoc_url=None,
         redirect_slashes=False,
         telemetry={
+            "tracing": provider is not None,
+            "tracer_provider": provider,
+            "operation_spans": False,
+            "exclude": lambda scope: scope["path"] in UNTRACED,
             "metrics": False,
             "logs": False,
-        },  # each asks for a provider at every request
+            "auto_configure": False,
+        },
         middleware=[
             Middleware(Observe, metrics=state.metrics),
             *([_cors(origins)] if origins else []),

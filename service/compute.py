@@ -10,6 +10,7 @@ import asyncio
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from contextvars import copy_context
 from typing import TypeVar, cast
 
 import anyio
@@ -32,6 +33,7 @@ async def run_in_thread(work: Callable[[], Result]) -> Result:
     """
     loop = asyncio.get_running_loop()
     done: asyncio.Future[Result] = loop.create_future()
+    context = copy_context()  # log lines of the thread have the id of the request
 
     def finish(result: Result | None, err: BaseException | None) -> None:
         if done.cancelled():
@@ -44,7 +46,7 @@ async def run_in_thread(work: Callable[[], Result]) -> Result:
     def run() -> None:
         result, err = None, None
         try:
-            result = work()
+            result = context.run(work)
         except BaseException as raised:
             err = raised
         with suppress(RuntimeError):  # the loop has ended meanwhile: nothing awaits the result

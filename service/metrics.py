@@ -29,9 +29,10 @@ from service.catalog.catalog import Catalog, Entry
 from verbs.conventions import F64
 from verbs.runtime.evaluate import Blend
 
-__all__ = ["NONE", "UNMATCHED", "Metrics"]
+__all__ = ["UNMATCHED", "Metrics"]
 
-NONE, UNMATCHED = "none", "unmatched"
+UNMATCHED = "unmatched"
+"""Label of a request that no route matches."""
 
 LATENESS_INTERVAL_S = 0.25
 """Interval of event loop timers whose delay is measured, seconds."""
@@ -67,6 +68,8 @@ class Metrics:
         prometheus_client.PlatformCollector(registry=self._exported)
         self._refinements = _Refinements()
         self._exported.register(self._refinements)
+        self._database = _Database()
+        self._exported.register(self._database)
 
     def _declare_requests(self, own: CollectorRegistry) -> None:
         self._duration = Histogram(
@@ -141,6 +144,14 @@ class Metrics:
             "adverb_channels", "Open channels (characters) of all streams.", registry=own, multiprocess_mode="livesum"
         )
 
+        self._closes = Counter(
+            "adverb_stream_closes_total",
+            "Streams that the server closed or refused, by close code: 1012 it stops, 4008 the client does not read, "
+            "4009 taken over, 4029 too many, 4401 the key is not valid any more.",
+            ("code",),
+            registry=own,
+        )
+
     def text(self) -> bytes:
         """All metrics of all processes in the Prometheus text format; takes some milliseconds."""
         return prometheus_client.generate_latest(self._exported)
@@ -213,6 +224,10 @@ class Metrics:
         """Count pose messages that were skipped because the server was too slow."""
         self._dropped.inc(messages)
 
+    def count_close(self, code: int) -> None:
+        """Count a stream that the server closed or refused."""
+        self._closes.labels(str(code)).inc()
+
     def set_streams(self, streams: int, channels: int) -> None:
         """Set the number of streams and of characters."""
         self._streams.set(streams)
@@ -221,6 +236,10 @@ class Metrics:
     def set_refinements(self, ended: Mapping[tuple[str, str], int], running: Mapping[str, float]) -> None:
         """Set the number of ended refinements by verb and outcome, and the progress of running ones by verb."""
         self._refinements.ended, self._refinements.running = ended, running
+
+    def set_database(self, available: bool | None) -> None:
+        """Set whether the database answered at the last attempt; None for a server without one."""
+        self._database.available = available
 
     async def measure_lateness(self) -> None:
         """Observe the delay of event loop timers, until cancelled."""
@@ -248,6 +267,22 @@ class _Refinements(Collector):
         for verb, ratio in self.running.items():
             running.add_metric((verb,), ratio)
         return ended, running
+
+
+class _Database(Collector):
+    """Whether the database can be reached, as the process knows that answers."""
+
+    def __init__(self) -> None:
+        self.available: bool | None = None
+
+    def collect(self) -> Iterable[Metric]:
+        """A gauge, where there is a database."""
+        if self.available is not None:
+            yield GaugeMetricFamily(
+                "adverb_database_available",
+                "Whether the database answered at the last attempt: 1 or 0.",
+                value=float(self.available),
+            )
 
 
 class _Processes(Collector):

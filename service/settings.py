@@ -217,6 +217,21 @@ class Settings(BaseSettings):
         "info"
     )
     log_json: Annotated[bool, Field(description="Log one JSON object per line instead of text.")] = False
+    traces_url: Annotated[
+        str | None,
+        Field(
+            pattern="^https?://[^/?#@]+[^?#@]*$",
+            max_length=2_000,
+            description="Address of an OpenTelemetry collector that receives traces by OTLP over HTTP "
+            "(http://collector:4318); needs the extra `traces`. Unset: there are none.",
+        ),
+    ] = None
+    traces_share: Annotated[
+        float,
+        Field(
+            ge=0, le=1, description="Share of requests and streams that are traced where the caller does not decide."
+        ),
+    ] = 0.1
     max_body_bytes: Annotated[
         int, Field(ge=1_024, le=256 * 1024 * 1024, description="Largest request body, bytes.")
     ] = 1024 * 1024

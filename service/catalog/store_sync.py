@@ -118,18 +118,21 @@ class StoreSync:
     async def publish(self, verb: str, path: Path, **options: Any) -> Version:
         """Publish an artifact and serve it; options and errors are those of :meth:`Store.publish`."""
         version = await run_in_thread(partial(self.store.publish, verb, path, **options))
+        log.info("version published", verb=verb, version=version.number, author=version.author)
         await self.refresh()
         return version
 
     async def activate(self, verb: str, number: int, **options: Any) -> Version:
         """Make a version current and serve it; options and errors are those of :meth:`Store.activate`."""
         version = await run_in_thread(partial(self.store.activate, verb, number, **options))
+        log.info("version activated", verb=verb, version=number, author=options.get("author"))
         await self.refresh()
         return version
 
     async def delete(self, verb: str, **options: Any) -> None:
         """Stop serving a verb; options and errors are those of :meth:`Store.delete`."""
         await run_in_thread(partial(self.store.delete, verb, **options))
+        log.info("verb deleted", verb=verb, author=options.get("author"))
         await self.refresh()
 
     def _update(self, entries: dict[str, Entry], name: str, version: Version) -> None:

@@ -6,8 +6,8 @@ from starlette.requests import Request
 
 from service.access.access import CALLER, Caller
 from service.catalog.catalog import Entry
-from service.http.middleware import SCOPE_KEY, Trace
 from service.state import ServerState
+from service.tracing import SCOPE_KEY, Trace
 
 __all__ = ["caller_of", "served", "state_of", "trace_of"]
 

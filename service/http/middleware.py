@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import re
-import secrets
 import time
-from dataclasses import dataclass
-from itertools import count
 
 import structlog
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import errors
-from service.metrics import NONE, UNMATCHED, Metrics
+from service.metrics import UNMATCHED, Metrics
+from service.tracing import SCOPE_KEY, RequestIds, Trace, annotate
 
-__all__ = ["SCOPE_KEY", "BodyLimit", "Observe", "Trace"]
-
-SCOPE_KEY = "adverb.trace"
+__all__ = ["BodyLimit", "Observe"]
 
 CLIENT_DISCONNECTED = 499
 """Status that is counted for a request whose client disconnected before the response."""
@@ -30,36 +27,38 @@ HEADERS = (
 """Headers of every response: a page of another site cannot load it as a script or an image, and no address leaks."""
 
 _UPLOADS = re.compile(r"/v1/(?:verbs|drafts|verbs/[^/]+/examples)")
-_REQUEST_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 
 log = structlog.get_logger("adverb.request")
-
-
-@dataclass(slots=True)
-class Trace:
-    """Labels of a request: handlers set verb and method once they are known to exist."""
-
-    request_id: str
-    verb: str = NONE
-    method: str = NONE
+enabled = logging.getLogger("adverb.request").isEnabledFor
 
 
 class Observe:
-    """Assign a request id, measure the duration, count the response, and turn uncaught errors into problems."""
+    """Assign a request id, measure the duration, count the response, and turn uncaught errors into problems.
+
+    Log lines of a request or a stream have its id as ``request_id``.
+    """
 
     def __init__(self, app: ASGIApp, *, metrics: Metrics) -> None:
-        self.app, self.metrics = app, metrics
-        # A new id is a random number of the process and a count: a random number for each takes as long as a pose.
-        self._prefix, self._count = secrets.token_hex(4), count()
+        self.app, self.metrics, self._ids = app, metrics, RequestIds()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request."""
-        if scope["type"] != "http":
+        """Serve one request, or a connection."""
+        if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
+        trace = scope[SCOPE_KEY] = Trace(self._ids.of(scope))
+        bound = structlog.contextvars.bind_contextvars(request_id=trace.request_id)
+        try:
+            if scope["type"] == "http":
+                await self._request(trace, scope, receive, send)
+            else:
+                annotate(scope, trace)
+                await self.app(scope, receive, send)
+        finally:
+            structlog.contextvars.reset_contextvars(**bound)
+
+    async def _request(self, trace: Trace, scope: Scope, receive: Receive, send: Send) -> None:
         started = time.perf_counter()
-        trace = Trace(_request_id(scope) or f"{self._prefix}{next(self._count):08x}")
-        scope[SCOPE_KEY] = trace
         status = 0
 
         async def sending(message: Message) -> None:
@@ -67,6 +66,7 @@ class Observe:
             if message["type"] == "http.response.start":
                 status = message["status"]
                 message["headers"] += [(b"x-request-id", trace.request_id.encode()), *HEADERS]
+                annotate(scope, trace)  # now: a span ends with the last byte of the body
             await send(message)
 
         try:
@@ -74,14 +74,18 @@ class Observe:
         except ClientDisconnect:
             status = CLIENT_DISCONNECTED
         except Exception as err:
-            log.exception("request failed", request_id=trace.request_id, path=scope["path"], verb=trace.verb)
+            log.exception("request failed", path=scope["path"], verb=trace.verb)
             if status:
                 raise  # part of the response was sent; the server closes the connection
             await errors.response_of(err)(scope, receive, sending)
         finally:
-            route = getattr(scope.get("route"), "path", UNMATCHED)
-            self.metrics.observe_request(route, trace.verb, trace.method, time.perf_counter() - started)
-            self.metrics.count_request(route, _known_method(scope["method"]), status)
+            seconds = time.perf_counter() - started
+            route, http_method = getattr(scope.get("route"), "path", UNMATCHED), _known_method(scope["method"])
+            self.metrics.observe_request(route, trace.verb, trace.method, seconds)
+            self.metrics.count_request(route, http_method, status)
+            if enabled(logging.DEBUG):  # a call of structlog costs 3 µs also where the line is dropped
+                labels = {"route": route, "http_method": http_method, "status": status, "verb": trace.verb}
+                log.debug("request", **labels, duration_s=round(seconds, 6))
 
 
 class BodyLimit:
@@ -123,14 +127,6 @@ class BodyLimit:
 
 def _refusal(limit: int) -> errors.BodyTooLarge:
     return errors.BodyTooLarge(f"a body may have at most {limit} bytes", limit=limit)
-
-
-def _request_id(scope: Scope) -> str:
-    """The client's own id if it has allowed characters only, else nothing."""
-    for name, value in scope["headers"]:
-        if name == b"x-request-id" and _REQUEST_ID.fullmatch(value):
-            return str(value, "ascii")
-    return ""
 
 
 def _known_method(method: str) -> str:

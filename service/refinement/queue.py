@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
+import structlog
 from dbos import DBOSClient, EnqueueOptions
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
@@ -20,6 +21,8 @@ from service.store.records import ENDED, Job, JobEnded, StoreUnavailable, Unknow
 from service.store.store import Store
 
 __all__ = ["Refinements", "enqueue"]
+
+log = structlog.get_logger("adverb.refinement")
 
 MAX_LISTED = 100
 """Newest jobs of a verb that are searched for an unfinished one."""
@@ -93,6 +96,7 @@ class Refinements:
             self._refuse_second(verb, job)
         with self._connected() as client:
             enqueue(client, job)
+        log.info("refinement queued", job=job.id, verb=verb, version=number, author=author)
         return job
 
     def cancel(self, id: str, *, author: str) -> Job:
@@ -110,6 +114,7 @@ class Refinements:
         if job.state == "queued":
             with self._connected() as client:
                 client.cancel_workflow(id)
+        log.info("refinement cancelled", job=id, verb=job.verb, author=author)
         return cancelled
 
     def job(self, id: str) -> Job:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from service import tracing
 from service.settings import Settings
 
 __all__ = ["CannotServe", "check", "folder_problem", "greeting", "listen"]
@@ -53,9 +54,13 @@ def listen(settings: Settings) -> socket.socket:
 
 
 def check(settings: Settings) -> None:
-    """Raise :class:`CannotServe` if the data folder is missing or a file."""
+    """Raise :class:`CannotServe` if the data folder is missing or a file, or packages for traces are missing."""
     if settings.data is not None and (problem := folder_problem(settings.data)):
         raise CannotServe(f"{problem}; create the folder, or name another one (--data)")
+    try:
+        tracing.check(settings)
+    except tracing.MissingPackage as err:
+        raise CannotServe(str(err)) from err
 
 
 def folder_problem(data: Path) -> str | None:

@@ -6,9 +6,10 @@ import logging
 import sys
 
 import structlog
-from structlog.typing import Processor
+from structlog.typing import EventDict, Processor, WrappedLogger
 
 from service.settings import Settings
+from service.tracing import trace_id
 
 __all__ = ["configure"]
 
@@ -20,6 +21,8 @@ def configure(settings: Settings) -> None:
         structlog.processors.add_log_level,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
     ]
+    if settings.traces_url is not None:
+        shared.append(_add_trace)
     ending: list[Processor] = [
         structlog.dev.ConsoleRenderer(
             colors=sys.stderr.isatty(),
@@ -47,3 +50,11 @@ def configure(settings: Settings) -> None:
     # numba and asyncio log internals at debug level, which would hide the log of Adverb.
     for name in ("numba", "asyncio"):
         logging.getLogger(name).setLevel(logging.WARNING)
+
+
+def _add_trace(logger: WrappedLogger, name: str, event: EventDict) -> EventDict:
+    """Add the id of the current trace, by which logs are found from a trace."""
+    del logger, name
+    if (found := trace_id()) is not None:
+        event["trace_id"] = found
+    return event

@@ -11,6 +11,7 @@ from typing import Any
 import anyio
 import numpy as np
 import orjson
+import structlog
 from pydantic import ValidationError
 from starlette.routing import WebSocketRoute
 from starlette.types import Receive, Scope, Send
@@ -23,6 +24,7 @@ from service.stream.hub import Hub
 from service.stream.kernels import U16
 from service.stream.messages import CLIENT
 from service.stream.transport import TRANSPORT, StreamProtocol
+from service.tracing import SCOPE_KEY
 from service.wire import OP_ADVERBS, OP_MANY
 from verbs.conventions import F32
 
@@ -30,13 +32,15 @@ __all__ = ["SUBPROTOCOL", "route"]
 
 SUBPROTOCOL = "adverb.v1"
 MAX_CHANNEL = 65_535
-TOO_MANY = 4029
+TOO_MANY, RESTARTING = 4029, 1012
 
 MAX_CONSECUTIVE = 32
 """Messages of one client that are read before the event loop runs other tasks."""
 
 MAX_BACKLOG = 64
 """Messages of one client that wait for the engine before its next ones are left unread."""
+
+log = structlog.get_logger("adverb.stream")
 
 _FINAL = {1000, 1001}
 """Close codes of a client that does not resume. 1005 is not one: a lost connection has it too."""
@@ -56,13 +60,16 @@ class _Endpoint:
         hub = self._hub
         await receive()  # websocket.connect
         offered = scope.get("subprotocols", [])
-        accept: dict[str, Any] = {"type": "websocket.accept"}
+        request_id = scope[SCOPE_KEY].request_id
+        accept: dict[str, Any] = {"type": "websocket.accept", "headers": [(b"x-request-id", request_id.encode())]}
         if SUBPROTOCOL in offered:
             accept["subprotocol"] = SUBPROTOCOL
         await send(accept)
         if hub.draining or hub.full:
             reason = "the server is stopping" if hub.draining else "the server has its maximum number of streams"
-            await send({"type": "websocket.close", "code": 1012 if hub.draining else TOO_MANY, "reason": reason})
+            code = RESTARTING if hub.draining else TOO_MANY
+            hub.metrics.count_close(code)
+            await send({"type": "websocket.close", "code": code, "reason": reason})
             return
         caller = scope.get(CALLER, ANYONE)
         hub.connections += 1
@@ -70,12 +77,16 @@ class _Endpoint:
             with self._limits.stream(caller, address_of(scope)):
                 connection = await self._serve(caller, scope, receive, send)
         except TooManyStreams as err:
+            hub.metrics.count_close(TOO_MANY)
             await send({"type": "websocket.close", "code": TOO_MANY, "reason": err.detail})
             return
         finally:
             hub.connections -= 1
         if connection.ending is not None:
             code, reason = connection.ending
+            hub.metrics.count_close(code)
+            if code != RESTARTING:  # else all streams of the server are closed
+                log.info("stream closed by the server", code=code, reason=reason, key=caller.id)
             with (
                 anyio.move_on_after(5.0),
                 suppress(Exception),
@@ -88,7 +99,7 @@ class _Endpoint:
             transport: StreamProtocol | None = scope.get("extensions", {}).get(TRANSPORT)
             connection = await _connection(hub, transport, send, reading)
             reader = _Reader(hub, connection)
-            hub.post(hub.join, connection, caller.id)
+            hub.post(hub.join, connection, caller.id, scope[SCOPE_KEY].request_id)
             if transport is not None:
                 transport.idle, transport.on_adverbs = reader.idle, reader.aim
             try:

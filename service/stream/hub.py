@@ -163,13 +163,14 @@ class Hub:
 
     # ── sessions ─────────────────────────────────────────────────────────────────────────────────────────────────
 
-    def join(self, connection: Connection, caller: str = "") -> None:
-        """Start a session for a connection, and greet it; ``caller`` is the id of its key."""
+    def join(self, connection: Connection, caller: str = "", request_id: str = "") -> None:
+        """Start a session for a connection, and greet it; ``caller`` is the id of its key, ids are for the log."""
         session = Session(self._table, slow_s=self.settings.stream_slow_s, caller=caller)
         session.attach(connection)
         self._session_of[connection] = session
         self._connections.add(connection)
         self.sessions[session.id] = session
+        log.debug("stream opened", stream=session.public_id, request_id=request_id, key=caller)
         self._send(
             session,
             {
@@ -189,6 +190,7 @@ class Hub:
         if session is None:
             return  # another connection resumed the session
         session.detach(time.monotonic())
+        log.debug("stream left", stream=session.public_id, for_good=for_good)
         self.ticks.reconnected()
         if for_good or not session.channels or self.draining:
             self._forget(session)
@@ -264,7 +266,7 @@ class Hub:
         except (ServiceError, VerbError) as err:
             self._report(self._session_of.get(connection, session), channel, err)
         except Exception:
-            log.exception("stream message failed", session=session.id)
+            log.exception("stream message failed", stream=session.public_id)
             detail = "internal error; the server's log has the details"
             self._send(session, {"op": "error", "channel": channel, "code": "internal_error", "detail": detail})
 
@@ -309,6 +311,7 @@ class Hub:
         found.count_dropped(max(0, found.sequence - message.last_seq))
         found.attach(connection)
         self.ticks.reconnected()
+        log.debug("stream resumed", stream=found.public_id, by=session.public_id)
         for channel in found.channels.values():
             self._send(found, opened(channel, resumed=True))
 

@@ -28,6 +28,8 @@ TAKEN_OVER = 4009
 MAX_PENDING = 256
 """Pending text messages of a slow client, plus one for each channel, beyond which its connection is closed."""
 
+PUBLIC_CHARACTERS = 8
+
 MAX_ADVERB = 1e9
 """Largest magnitude of an adverb."""
 
@@ -134,6 +136,11 @@ class Session:
         self._unread: tuple[int, int] | None = None
 
     # ── connection ───────────────────────────────────────────────────────────────────────────────────────────────
+
+    @property
+    def public_id(self) -> str:
+        """First characters of its id, for the log: with the whole id a stranger could resume the session."""
+        return self.id[:PUBLIC_CHARACTERS]
 
     @property
     def connected(self) -> bool:

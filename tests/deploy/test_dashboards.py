@@ -25,7 +25,9 @@ def read(path: str) -> dict:
 @pytest.fixture(scope="module")
 def kinds() -> dict[str, str]:
     """Type of every metric of a server, by its name without what the type appends."""
-    families = text_string_to_metric_families(Metrics().text().decode())
+    metrics = Metrics()
+    metrics.set_database(True)  # absent on a server without a database
+    families = text_string_to_metric_families(metrics.text().decode())
     return {family.name: family.type for family in families}
 
 

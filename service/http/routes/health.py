@@ -59,4 +59,7 @@ async def ready(request: Request) -> Response:
 @router.get("/metrics", operation_id="metrics", response_class=Response, responses=_TEXT, summary="Metrics")
 def metrics(request: Request) -> Response:
     """Return all metrics in Prometheus text format. Runs in a thread, since it takes milliseconds."""
-    return Response(state_of(request).metrics.text(), headers={"content-type": METRICS_TYPE})
+    state = state_of(request)
+    sync = state.store_sync
+    state.metrics.set_database(None if sync is None else sync.store.available)
+    return Response(state.metrics.text(), headers={"content-type": METRICS_TYPE})

@@ -17,7 +17,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-encodings bench-scaling bench-refine bench fuzz try-image audit sbom licences clean
+.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-idle bench-encodings bench-scaling bench-refine bench fuzz try-image audit sbom licences clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -110,6 +110,9 @@ bench-streams: setup  ## measure streams: 600 × 1 and 50 × 60 characters at 60
 
 bench-crowd: setup  ## measure crowds: 10,000 characters at 60 fps; BEFORE=DIR compares with another checkout
 	@$(BIN)/python -m benchmarks.crowds $(if $(BEFORE),--before $(BEFORE))
+
+bench-idle: setup  ## measure the memory of 5,000 idle streams
+	@$(BIN)/python -m benchmarks.idle
 
 bench-encodings: setup  ## measure the error of the pose encodings, 3 cm from every joint
 	@$(BIN)/python -m benchmarks.encodings

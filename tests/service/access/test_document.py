@@ -1,4 +1,4 @@
-"""Answers of a server with a store and keys fit the OpenAPI document: with a key, without, and with one that is wrong."""
+"""Answers of a server with a store and keys fit the OpenAPI document: with a key, without one, and with a wrong one."""
 
 import json
 

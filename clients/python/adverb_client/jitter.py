@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -122,6 +122,7 @@ class JitterBuffer:
         self._lag_s: float | None = None  # at time t the frame due at t - lag is displayed
         self._sampled_s, self._shown_s = -math.inf, -math.inf
         self._restart_pending = False
+        self._ending, self._end_phase = False, math.nan
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
@@ -155,9 +156,27 @@ class JitterBuffer:
             self._gap_s = max(gap_s, GAP_DECAY * self._gap_s) if irregular else 0.0
             self.late += due_s < self._shown_s
             self._times.insert(at, due_s)
-            self._records.insert(at, record)
+            self._records.insert(at, self._marked(record))
             if len(self._times) > MAX_FRAMES:
                 del self._times[0], self._records[0]
+
+    def end(self) -> None:
+        """Note that the motion ends with the next frame."""
+        with self._lock:
+            self._ending = True
+
+    def _marked(self, record: Record) -> Record:
+        """The record, with the flag ``last`` also where the motion rests at its end.
+
+        The server sets the flag on one record, which may be lost; its message ``end`` is not.
+        """
+        if self._ending or record.flags & LAST:
+            self._ending, self._end_phase = False, record.phase
+        if record.phase != self._end_phase:
+            self._end_phase = math.nan
+        elif not record.flags & LAST:
+            return replace(record, flags=record.flags | LAST)
+        return record
 
     def restart(self) -> None:
         """Restart at the next frame, which may be on another clock; until then display the old frames."""
@@ -169,6 +188,7 @@ class JitterBuffer:
         self._times.clear()
         self._records.clear()
         self._lag_s, self._sampled_s, self._shown_s, self._restart_pending = None, -math.inf, -math.inf, False
+        self._end_phase = math.nan
 
     @property
     def delay_s(self) -> float:

@@ -260,7 +260,11 @@ class Session:
             case KeytimesPassed():
                 for passed in message.items:
                     self._emit(passed)
-            case MotionEnded() | BudgetReport() | ServerDraining():
+            case MotionEnded():
+                if (ended := self.channels.get(message.channel)) is not None:
+                    ended.buffer.end()
+                self._emit(message)
+            case BudgetReport() | ServerDraining():
                 self._emit(message)
             case _:
                 pass  # an op of a newer server, or a second hello

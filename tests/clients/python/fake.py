@@ -254,6 +254,7 @@ class FakeServer:
             channel.adverbs[names.index(name)] = value
         for name in ("phase", "speed", "play", "fps"):
             setattr(channel, name, fields.get(name, getattr(channel, name)))
+        channel.ended = channel.ended and "phase" not in fields
         return None
 
     async def on_switch(self, socket, holder, fields) -> None:

@@ -2,6 +2,7 @@
 
 import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -183,6 +184,24 @@ def test_an_ended_motion_is_not_extrapolated():
     sample = line.show([0.4, 0.8])[-1]
     assert sample.ended
     assert sample.root[0] == pytest.approx(30 * STEP, abs=1e-6)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_motion_has_ended_until_its_phase_changes_also_where_the_flagged_frame_is_lost(lost):
+    line = Line()
+    line.buffer.looping = False
+    for k in range(60):
+        phase = min(k / 30.0, 1.0) if k < 50 else 0.1
+        flags = LAST if k == 30 else 0
+        if k == 30:
+            line.buffer.end()
+        if not (lost and k == 30):
+            line.lateness.add(k * STEP + TRANSIT, SERVER + k * STEP)
+            line.buffer.push(SERVER + k * STEP, replace(record(k * STEP, flags=flags), phase=phase))
+    ended = [bool(one.flags & LAST) for one in line.buffer._records]
+    assert ended == [False] * 30 + [True] * (19 if lost else 20) + [False] * 10
+    assert line.buffer._between(SERVER + 40 * STEP, 0.0).ended
+    assert not line.buffer._between(SERVER + 55 * STEP, 0.0).ended
 
 
 def test_there_is_no_extrapolation_across_a_gap():

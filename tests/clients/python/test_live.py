@@ -49,7 +49,12 @@ async def test_keytimes_and_the_end_are_events(stream):
     channel = await stream.open("arm3", adverbs=AT, loop=False, phase=0.4, speed=3.0)
     assert (await next_event(stream, KeytimePassed)).channel == channel.number
     assert (await next_event(stream, MotionEnded)).channel == channel.number
-    await until(lambda: channel.pose().phase == pytest.approx(1.0))  # `ended` holds for one frame only
+    await until(lambda: channel.pose().ended and channel.pose().phase == pytest.approx(1.0))
+    count = stream.stats.messages
+    await until(lambda: stream.stats.messages > count + 20)
+    assert channel.pose().ended
+    channel.set(phase=0.1, play=False)
+    await until(lambda: not channel.pose().ended)
 
 
 async def test_one_message_steers_several_channels(stream):

@@ -56,6 +56,7 @@ from verbs.errors import OutOfRange, RequestError, SkeletonMismatch, UnknownName
 __all__ = [
     "PROBLEMS",
     "AlreadyRefining",
+    "ArtifactDamaged",
     "BadBody",
     "BadMessage",
     "BadUpload",
@@ -208,6 +209,10 @@ class StoreUnavailable(ServiceError):
     """The database or the artifacts cannot be reached; loaded verbs are still served."""
 
 
+class ArtifactDamaged(ServiceError):
+    """A stored file is missing or damaged."""
+
+
 class BadMessage(ServiceError):
     """A message of a stream is invalid."""
 
@@ -285,6 +290,7 @@ PROBLEMS: dict[str, Problem] = {
         Problem(429, "too_many_requests", "Too many requests", "Retry after `Retry-After` seconds."),
         Problem(429, "too_many_streams", "Too many streams", "Close some, or raise the server's limits."),
         Problem(429, "too_many_channels", "Too many channels", "In streams. Close some, or raise the server's limits."),
+        Problem(500, "artifact_damaged", "Artifact damaged", "Upload the file again, or restore it from a backup."),
         Problem(500, "internal_error", "Internal error", "Report it with the request id."),
         Problem(503, "not_ready", "Not ready", "Verbs are being loaded; retry after `Retry-After` seconds."),
         Problem(503, "overloaded", "Overloaded", "Retry after `Retry-After` seconds, or request less at once."),
@@ -318,6 +324,7 @@ _SERVICE_CODES: dict[type[ServiceError], str] = {
     AlreadyRefining: "already_refining",
     ReadOnly: "read_only",
     StoreUnavailable: "store_unavailable",
+    ArtifactDamaged: "artifact_damaged",
     BadMessage: "bad_message",
     UnknownChannel: "unknown_channel",
     ChannelInUse: "channel_in_use",
@@ -381,6 +388,8 @@ def _of_store(err: StoreError) -> Exception:
             translated = TooManyDrafts(str(err), limit=err.limit)
         case records.Conflict():
             translated = VersionConflict(str(err), current=err.found)
+        case records.ArtifactMissing():
+            translated = ArtifactDamaged(str(err))
         case records.StoreUnavailable():
             translated = StoreUnavailable(str(err), headers={"Retry-After": "2"})
         case records.InvalidValue():

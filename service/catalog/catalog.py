@@ -20,7 +20,7 @@ from verbs.runtime import describe, sequence
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb
 
-__all__ = ["Catalog", "Entry", "Skipped", "files_of", "load", "skipped"]
+__all__ = ["Catalog", "Entry", "Skipped", "files_of", "load", "problem_of", "skipped"]
 
 MAX_SUBSETS = 64
 """Largest number of cached joint subsets per entry; a client uses one or two."""
@@ -150,9 +150,14 @@ def files_of(data: Path | None) -> list[Path]:
     return [*builtin, *sorted(data.glob("*.verb") if data else ())]
 
 
+def problem_of(err: Exception) -> str:
+    """Why a file cannot be served, without its path, as clients read it."""
+    return str(getattr(err, "problem", err)) or type(err).__name__
+
+
 def skipped(path: Path, err: Exception) -> Skipped:
     """Log and report a file that cannot be served."""
-    problem = str(getattr(err, "problem", err)) or type(err).__name__  # without the path, as clients read it
+    problem = problem_of(err)
     log.error("verb file skipped", file=str(path), problem=problem, kind=type(err).__name__)
     return Skipped(path.name, problem)
 

@@ -16,9 +16,9 @@ from typing import Any
 
 import structlog
 
-from service.catalog.catalog import Catalog, Entry, Skipped, files_of, skipped
+from service.catalog.catalog import Catalog, Entry, Skipped, files_of, problem_of, skipped
 from service.compute import run_in_thread
-from service.store.records import Conflict, StoreError, StoreUnavailable, UnknownVerb, Version
+from service.store.records import ArtifactDamaged, Conflict, StoreError, StoreUnavailable, UnknownVerb, Version
 from service.store.store import Store
 from verbs.errors import VerbError
 from verbs.io import artifact
@@ -56,35 +56,35 @@ class StoreSync:
     ) -> None:
         self.store, self._data = store, data
         self._current, self._set_catalog = current, set_catalog
-        self._skipped: dict[str, Skipped] = {}
+        self._files: list[Skipped] = []
+        self._versions: dict[str, Skipped] = {}
         self._refreshing = asyncio.Lock()
 
     def load(self) -> Catalog:
         """Publish new files, then load the current versions; raises :class:`StoreUnavailable`."""
-        self._skipped = {}
+        self._files = []
         for path in files_of(self._data):
             try:
                 self._publish_file(path)
             except StoreUnavailable:
                 raise
             except (VerbError, StoreError, OSError) as err:
-                self._skipped[path.name] = skipped(path, err)
+                self._files.append(skipped(path, err))
         return self.read(Catalog())
 
     def read(self, catalog: Catalog) -> Catalog:
         """A catalog of the store's current versions; the given one if nothing changed.
 
+        Files of served versions are checked too: one that was changed after it was mapped is not served any more.
         Raises :class:`StoreUnavailable`.
         """
         entries = dict(catalog.entries)
         versions = self.store.current()
         for name in [name for name in entries if name not in versions]:
             del entries[name]
-        for name, version in versions.items():
-            known = entries.get(name)
-            if known is None or known.version != version.number:
-                self._update(entries, name, version)
-        not_served = tuple(self._skipped.values())
+        problems = {name: err for name, version in versions.items() if (err := self._update(entries, name, version))}
+        self._versions = {name: self._reported(versions[name], err) for name, err in problems.items()}
+        not_served = (*self._files, *self._versions.values())
         if entries == catalog.entries and not_served == catalog.skipped:
             return catalog
         return Catalog(MappingProxyType(dict(sorted(entries.items()))), not_served)
@@ -135,16 +135,32 @@ class StoreSync:
         log.info("verb deleted", verb=verb, author=options.get("author"))
         await self.refresh()
 
-    def _update(self, entries: dict[str, Entry], name: str, version: Version) -> None:
-        """Load one version; if it cannot be loaded, the earlier one stays served."""
+    def _update(self, entries: dict[str, Entry], name: str, version: Version) -> Exception | None:
+        """Check one version, and load it unless it is served; return why it cannot be loaded.
+
+        What is served stays so: an earlier version, or a mapped file that was deleted. A mapped file that was changed
+        does not.
+        """
+        known = entries.get(name)
+        served = known is not None and known.version == version.number
         try:
             path = self.store.path(version)
-            entries[name] = Entry.of_verb(artifact.load(path), path=path, version=version.number)
-            self._skipped.pop(_label(version), None)
+            if not served:
+                entries[name] = Entry.of_verb(artifact.load(path), path=path, version=version.number)
         except (VerbError, StoreError, OSError) as err:
-            if isinstance(err, StoreUnavailable) and name not in entries:
+            if isinstance(err, StoreUnavailable) and known is None:
                 raise  # there is no earlier version to serve
-            self._skipped[_label(version)] = skipped(Path(_label(version)), err)
+            if served and isinstance(err, ArtifactDamaged):
+                del entries[name]
+            return err
+        return None
+
+    def _reported(self, version: Version, err: Exception) -> Skipped:
+        """The report of a version that cannot be loaded; logged once."""
+        before = self._versions.get(version.verb)
+        label = f"{version.verb} version {version.number}"
+        same = before is not None and (before.file, before.problem) == (label, problem_of(err))
+        return before if before is not None and same else skipped(Path(label), err)
 
     def _publish_file(self, path: Path) -> None:
         """Publish a file unless the store has had it before; a version that replaced it stays current."""
@@ -186,7 +202,3 @@ async def load_with_retry(load: Callable[[], Catalog], on_failure: Callable[[Sto
             on_failure(err)
         await asyncio.sleep(pause_s)
         pause_s = min(2 * pause_s, longest_s)
-
-
-def _label(version: Version) -> str:
-    return f"{version.verb} version {version.number}"

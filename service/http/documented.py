@@ -25,6 +25,8 @@ EVALUATING = (
     "unsupported_media_type",
     "invalid_request",
     "overloaded",
+    "store_unavailable",
+    "artifact_damaged",
 )
 """Problem codes of routes that read, and of routes that evaluate."""
 

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 from urllib.parse import unquote, urlsplit
 
-from service.store.records import ArtifactMissing, BadAddress, StoreUnavailable
+from service.store.records import ArtifactDamaged, ArtifactMissing, BadAddress, StoreUnavailable
 from verbs.errors import ArtifactError
 
 if TYPE_CHECKING:
     from obstore.store import ObjectStore
 
-__all__ = ["Blob", "Blobs", "Bucket", "Folder", "open_blobs"]
+__all__ = ["Blob", "Blobs", "Bucket", "Folder", "open_blobs", "sync_folder", "translated"]
 
 SCHEMES = ("s3", "gs", "az", "memory")
 """Schemes of object stores; all need the extra ``s3``."""
@@ -57,7 +57,7 @@ class Blobs(Protocol):
         ...
 
     def path(self, sha256: str) -> Path:
-        """A local file with a blob, checked against its hash; raises :class:`ArtifactMissing`."""
+        """A local file with a blob, checked against its hash; raises ArtifactMissing or ArtifactDamaged."""
         ...
 
     def listing(self) -> list[Blob]:
@@ -110,8 +110,8 @@ class Folder:
     def __init__(self, root: Path) -> None:
         self.root = root.absolute()
         self._checked: dict[str, tuple[int, int, int]] = {}
-        with _translated("the artifact folder cannot be created"):
-            self.root.mkdir(parents=True, exist_ok=True)
+        with translated("the artifact folder cannot be created"):
+            _make(self.root)
 
     def put(self, source: Path, at: At) -> Blob:
         """Copy a file atomically: temporary name, fsync, rename to its hash, fsync of the folder.
@@ -127,10 +127,10 @@ class Folder:
             return self.write(iter(partial(file.read, CHUNK_BYTES), b""), at)
 
     def write(self, chunks: Iterable[bytes], at: At, *, expected: str | None = None) -> Blob:
-        """Write a blob from its bytes; raises :class:`ArtifactMissing` if their hash is not ``expected``."""
+        """Write a blob from its bytes; raises :class:`ArtifactDamaged` if their hash is not ``expected``."""
         part = self.root / f".{secrets.token_hex(8)}.tmp"
         digest, size = hashlib.sha256(), 0
-        with _translated("artifacts cannot be written"):
+        with translated("artifacts cannot be written"):
             try:
                 at("write")
                 with part.open("xb") as file:
@@ -144,27 +144,27 @@ class Folder:
                     modified_at_s = os.fstat(file.fileno()).st_mtime
                 sha256 = digest.hexdigest()
                 if expected not in (None, sha256):
-                    raise ArtifactMissing(str(expected), "is damaged in its storage")
+                    raise ArtifactDamaged(str(expected), "is damaged in its storage")
                 at("rename")
                 part.replace(self._file(sha256))
                 at("sync_folder")
-                _sync(self.root)
+                sync_folder(self.root)
             finally:
                 part.unlink(missing_ok=True)
         return Blob(f"{sha256}.verb", sha256, size, modified_at_s)
 
     def has(self, sha256: str) -> bool:
         """Whether a blob exists."""
-        with _translated("artifacts cannot be read"):
+        with translated("artifacts cannot be read"):
             return self._file(sha256).exists()
 
     def path(self, sha256: str) -> Path:
         """A blob's file; its hash is checked at the first use in this process, and after changes of the file.
 
-        Raises :class:`ArtifactMissing` if it is missing or damaged.
+        Raises :class:`ArtifactMissing` if it is missing, :class:`ArtifactDamaged` if it is damaged.
         """
         path = self._file(sha256)
-        with _translated("artifacts cannot be read"):
+        with translated("artifacts cannot be read"):
             try:
                 with path.open("rb") as file:
                     status = os.fstat(file.fileno())
@@ -174,14 +174,14 @@ class Folder:
             except FileNotFoundError:
                 raise ArtifactMissing(sha256, "is missing; it may have been collected") from None
         if not intact:
-            raise ArtifactMissing(sha256, "is damaged")
+            raise ArtifactDamaged(sha256, "is damaged")
         self._checked[sha256] = stamp
         return path
 
     def listing(self) -> list[Blob]:
         """All blobs and temporary files."""
         found = []
-        with _translated("artifacts cannot be listed"), os.scandir(self.root) as entries:
+        with translated("artifacts cannot be listed"), os.scandir(self.root) as entries:
             for entry in entries:
                 match = _NAME.fullmatch(entry.name)
                 if match is None and _PART.fullmatch(entry.name) is None:
@@ -193,7 +193,7 @@ class Folder:
 
     def remove(self, blobs: Iterable[Blob]) -> None:
         """Unlink files; mapped ones stay readable."""
-        with _translated("artifacts cannot be removed"):
+        with translated("artifacts cannot be removed"):
             for blob in blobs:
                 (self.root / blob.name).unlink(missing_ok=True)
                 self._checked.pop(blob.sha256 or "", None)
@@ -227,7 +227,7 @@ class Bucket:
 
         blob = self._copies.put(source, at)
         at("upload")
-        with _translated("the bucket cannot be written"):
+        with translated("the bucket cannot be written"):
             obstore.put(self._store, blob.name, self._copies.path(str(blob.sha256)))
         return blob
 
@@ -235,7 +235,7 @@ class Bucket:
         """Whether a blob exists in the object store."""
         import obstore
 
-        with _translated("the bucket cannot be read"):
+        with translated("the bucket cannot be read"):
             try:
                 obstore.head(self._store, f"{sha256}.verb")
             except FileNotFoundError:
@@ -248,7 +248,7 @@ class Bucket:
 
         with suppress(ArtifactMissing):
             return self._copies.path(sha256)
-        with _translated("the bucket cannot be read"):
+        with translated("the bucket cannot be read"):
             try:
                 chunks = (bytes(chunk) for chunk in obstore.get(self._store, f"{sha256}.verb").stream())
                 first = next(chunks, b"")
@@ -262,7 +262,7 @@ class Bucket:
         import obstore
 
         found = []
-        with _translated("the bucket cannot be listed"):
+        with translated("the bucket cannot be listed"):
             for row in chain.from_iterable(obstore.list(self._store)):
                 match = _NAME.fullmatch(row["path"])
                 if match:
@@ -273,7 +273,7 @@ class Bucket:
         """Delete blobs from the object store, not from the cache."""
         import obstore
 
-        with _translated("blobs of the bucket cannot be removed"):
+        with translated("blobs of the bucket cannot be removed"):
             for blob in blobs:
                 with suppress(FileNotFoundError):
                     obstore.delete(self._store, blob.name)
@@ -299,7 +299,7 @@ def _object_store(address: str) -> ObjectStore:
 
 
 @contextmanager
-def _translated(problem: str) -> Iterator[None]:
+def translated(problem: str) -> Iterator[None]:
     """Raise failures of disks and networks as :class:`StoreUnavailable`."""
     try:
         yield
@@ -315,7 +315,15 @@ def _line(err: Exception) -> str:
     return (str(err).strip().splitlines() or [type(err).__name__])[0][:200]
 
 
-def _sync(folder: Path) -> None:
+def _make(folder: Path) -> None:
+    """Create a folder and those above it, durably: a power failure must not remove it with the artifacts in it."""
+    if not folder.is_dir():
+        _make(folder.parent)
+        folder.mkdir(exist_ok=True)
+        sync_folder(folder.parent)
+
+
+def sync_folder(folder: Path) -> None:
     """Write a folder's entries to disk, so that they survive a power failure."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

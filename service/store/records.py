@@ -16,7 +16,8 @@
     ├── DraftChanged       the draft has another revision than expected (id, expected, found)
     ├── TooManyDrafts      the limit of drafts or of their bytes is reached (limit)
     ├── Conflict           another version is current than expected (verb, expected, found)
-    ├── ArtifactMissing    the blob of a version is missing or damaged (sha256)
+    ├── ArtifactMissing    the blob of a version is missing (sha256)
+    │   └── ArtifactDamaged    its bytes do not match its hash
     └── StoreUnavailable   the database or the artifacts cannot be reached; retry later (reason)
 """
 
@@ -32,6 +33,7 @@ from verbs.verb import NAME
 __all__ = [
     "ENDED",
     "STATES",
+    "ArtifactDamaged",
     "ArtifactMissing",
     "BadAddress",
     "Conflict",
@@ -364,6 +366,10 @@ class ArtifactMissing(StoreError):
     def __init__(self, sha256: str, problem: str) -> None:
         self.sha256 = sha256
         super().__init__(f"artifact {sha256[:12]}… {problem}")
+
+
+class ArtifactDamaged(ArtifactMissing):
+    """The bytes of the blob do not match its hash."""
 
 
 class StoreUnavailable(StoreError):

@@ -23,6 +23,7 @@ from service.store.keys import Keys
 from service.store.ledger import Change, Ledger, kept_detail, select_events, select_versions
 from service.store.notices import notices
 from service.store.records import (
+    ArtifactDamaged,
     ArtifactMissing,
     BadAddress,
     Conflict,
@@ -46,6 +47,7 @@ from service.store.tables import Database
 __all__ = [
     "ORPHAN_S",
     "STEPS",
+    "ArtifactDamaged",
     "ArtifactMissing",
     "BadAddress",
     "Conflict",
@@ -255,9 +257,11 @@ class Store:
         """Make one of a verb's versions current, also of a deleted verb; does nothing if it is current already.
 
         Raises :class:`UnknownVerb`, :class:`UnknownVersion`, :class:`Conflict` if another version is current than
-        ``expected`` (0 for none), or :class:`InvalidValue`.
+        ``expected`` (0 for none), :class:`InvalidValue`, or an error of :meth:`path`: what cannot be served is not made
+        current.
         """
         change = self._change(author, reason)
+        self.path(self.version(verb, number))
         with self._database.transaction(writes=True) as connection:
             ledger = Ledger(self._database, connection, verb)
             ledger.check_exists()
@@ -286,7 +290,7 @@ class Store:
     def path(self, version: Version) -> Path:
         """A local file with a version's artifact, checked against its hash; it never changes and can be mapped.
 
-        Raises :class:`ArtifactMissing` if the version was collected or its blob is damaged, and
+        Raises :class:`ArtifactMissing` if the blob is missing, :class:`ArtifactDamaged` if it is damaged, and
         :class:`StoreUnavailable` if the artifacts cannot be reached.
         """
         return self._blobs.path(version.sha256)

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import orjson
 
 from service.errors import BadUpload, DraftNotBuilt, InvalidDraft, Overloaded
+from service.store.records import StoreUnavailable
 from service.upload.sandbox import Job
 
 __all__ = ["MAX_ANSWER_BYTES", "Builder", "Made", "Sandboxes"]
@@ -83,6 +84,8 @@ class Builder:
             It is not a verb; the detail names the problem.
         Overloaded
             Too many other uploads wait.
+        StoreUnavailable
+            The disk is full or read-only.
         """
         answer = await self._run({"upload": str(upload), "result": str(result)})
         return Made(str(answer["verb"]), answer["quality"], tuple(answer["warnings"]))
@@ -96,6 +99,8 @@ class Builder:
             With the reason.
         Overloaded
             Too many other uploads wait.
+        StoreUnavailable
+            The disk is full or read-only.
         """
         return await self._run({"task": task, "folder": str(folder)})
 
@@ -118,6 +123,8 @@ class Builder:
                 raise InvalidDraft(str(answer["error"]), errors=answer["errors"])
             case "NotBuilt":
                 raise DraftNotBuilt(str(answer["error"]))
+            case "storage":
+                raise StoreUnavailable(str(answer["error"]))
         raise BadUpload(str(answer["error"]))
 
     async def _answer(self, job: Job) -> Mapping[str, Any]:

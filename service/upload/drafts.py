@@ -20,9 +20,11 @@ from service.catalog.store_sync import StoreSync
 from service.compute import run_in_thread
 from service.errors import DraftChanged, DraftNotBuilt, NoSource
 from service.settings import Settings
+from service.store.blobs import translated
 from service.store.drafts import Content
 from service.store.records import Conflict, Draft, UnknownVerb, Version
 from service.upload.builder import Builder
+from service.upload.uploads import receive
 from verbs import library
 from verbs.io import artifact
 
@@ -73,7 +75,7 @@ class Drafts:
             See :meth:`service.store.drafts.Drafts.add`.
         """
         with self._task({**request, "revision": 1}) as folder:
-            await _receive(chunks, folder / "upload")
+            await receive(chunks, folder / "upload")
             content = await self._perform("create", folder, archive=None, motion=None)
             limits = {"most": self.limit, "most_bytes": self._settings.max_drafts_bytes}
             draft = await run_in_thread(partial(self._store.add, secrets.token_hex(8), content, **limits))
@@ -93,7 +95,7 @@ class Drafts:
         _expect(draft, expected)
         archive, motion = await run_in_thread(lambda: (self._path(draft.archive), self._path(draft.motion)))
         with self._task({"revision": draft.revision + 1, "archive": str(archive), "change": change}) as folder:
-            (folder / "draft.json").write_text(document, "utf-8")
+            _write(folder, document)
             content = await self._perform("change", folder, archive=archive, motion=motion)
             changed = await run_in_thread(partial(self._store.change, id, draft.revision, content))
         return changed, content.document
@@ -109,7 +111,7 @@ class Drafts:
         _expect(draft, expected)
         archive = await run_in_thread(partial(self._path, draft.archive))
         with self._task({"archive": str(archive), "name": name}) as folder:
-            (folder / "draft.json").write_text(document, "utf-8")
+            _write(folder, document)
             answer = await self._builder.perform("publish", folder)
             version = await self._publish(folder, answer, author=author, reason=f"draft {id}", expected=None)
         return version, tuple(answer["warnings"])
@@ -130,7 +132,7 @@ class Drafts:
         """
         source, number = await run_in_thread(partial(self._source, verb, expected))
         with self._task({**request, "source": str(source)}) as folder:
-            await _receive(chunks, folder / "upload")
+            await receive(chunks, folder / "upload")
             answer = await self._builder.perform("example", folder)
             reason = f"example {answer['example']['name']}"
             version = await self._publish(folder, answer, author=author, reason=reason, expected=number)
@@ -198,9 +200,10 @@ class Drafts:
     def _task(self, request: Mapping[str, Any]) -> Iterator[Path]:
         """A folder for the files of a task."""
         folder = self._folder / secrets.token_hex(8)
-        folder.mkdir()
         try:
-            (folder / "request.json").write_bytes(orjson.dumps(request))
+            with translated("files of drafts cannot be written"):
+                folder.mkdir()
+                (folder / "request.json").write_bytes(orjson.dumps(request))
             yield folder
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -237,10 +240,9 @@ class Drafts:
 _FILES = ("archive.zip", "motion.bin", "verb.verb")
 
 
-async def _receive(chunks: AsyncIterator[bytes], path: Path) -> None:
-    with path.open("xb") as file:
-        async for chunk in chunks:
-            file.write(chunk)
+def _write(folder: Path, document: str) -> None:
+    with translated("files of drafts cannot be written"):
+        (folder / "draft.json").write_text(document, "utf-8")
 
 
 def _expect(draft: Draft, revision: int | None) -> None:

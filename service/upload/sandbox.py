@@ -8,6 +8,7 @@ standard input.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
@@ -38,6 +39,9 @@ MAX_CPU_S = 120
 MAX_FILE_BYTES = 1024**3
 
 _HAS_PROC = sys.platform == "linux"
+
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
+"""Errors of the server's disk, which are no fault of the upload."""
 
 NICE = 10
 """By how much the priority is lower while a program loads; the job itself runs at the server's priority."""
@@ -101,6 +105,9 @@ def work(upload: Path, result: Path) -> dict[str, Any]:
 
 def _failed(err: Exception, upload: Path) -> dict[str, Any]:
     """The answer that stands for an error."""
+    cause = err if isinstance(err, OSError) else err.__cause__
+    if isinstance(cause, OSError) and cause.errno in FULL:
+        return {"error": f"uploads cannot be built: {cause.strerror}", "kind": "storage"}
     if isinstance(err, VerbError):
         more = {"errors": err.errors} if isinstance(err, InvalidDraft) else {}
         return {"error": _without_paths(str(err), upload), "kind": type(err).__name__, **more}

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from pathlib import Path
 
 from service.catalog.store_sync import StoreSync
+from service.store.blobs import translated
 from service.store.records import Version
 from service.upload.archive import is_zip
 from service.upload.builder import Builder
 
-__all__ = ["Uploads"]
+__all__ = ["Uploads", "receive"]
+
+
+async def receive(chunks: AsyncIterator[bytes], path: Path) -> None:
+    """Write the body of a request to a new file; raises :class:`StoreUnavailable`."""
+    with translated("uploads cannot be written"), path.open("xb") as file:
+        async for chunk in chunks:
+            file.write(chunk)
 
 
 class Uploads:
@@ -59,15 +68,14 @@ class Uploads:
         name = secrets.token_hex(8)
         upload, result = self.folder / f"{name}.upload", self.folder / f"{name}.verb"
         try:
-            with upload.open("xb") as file:
-                async for chunk in chunks:
-                    file.write(chunk)
+            await receive(chunks, upload)
             made = await self._builder.make(upload, result)
             with upload.open("rb") as file:
                 source = upload if is_zip(file.read(4)) else None
             options = {"quality": made.quality, "expected": expected, "source": source}
             version = await self._sync.publish(made.verb, result, author=author, reason="upload", **options)
         finally:
-            upload.unlink(missing_ok=True)
-            result.unlink(missing_ok=True)
+            for path in (upload, result):
+                with suppress(OSError):  # a read-only folder refuses it before it looks for the file
+                    path.unlink(missing_ok=True)
         return version, made.warnings

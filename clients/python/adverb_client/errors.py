@@ -52,6 +52,7 @@
         │   ├── TooManyRequests
         │   ├── TooManyStreams
         │   └── StoreUnavailable
+        ├── ArtifactDamaged         a file of the server is missing or damaged
         ├── InternalError           a fault of the server; report it with `request_id`
         └── ChannelError            of a stream: `channel`
             ├── UnknownChannel
@@ -71,6 +72,7 @@ from dataclasses import dataclass
 __all__ = [
     "AdverbError",
     "AlreadyRefining",
+    "ArtifactDamaged",
     "BadMessage",
     "BadRequest",
     "BadUpload",
@@ -490,6 +492,12 @@ class StoreUnavailable(Unavailable):
     """The server cannot reach its database or artifacts."""
 
     code = "store_unavailable"
+
+
+class ArtifactDamaged(ResponseError):
+    """A file of the server is missing or damaged."""
+
+    code = "artifact_damaged"
 
 
 class InternalError(ResponseError):

@@ -37,7 +37,7 @@ __all__ = ["drafts_of", "numbers", "router"]
 
 router = APIRouter(prefix="/v1/drafts", tags=["drafts"])
 
-_READING = ("unknown_draft", "read_only", "store_unavailable", "not_ready")
+_READING = ("unknown_draft", "read_only", "store_unavailable", "not_ready", "artifact_damaged")
 _CHANGING = (*_READING, "revision_changed", "bad_request", "invalid_draft", "bad_upload", "overloaded")
 _EVALUATING = (
     *(code for code in EVALUATING if code not in ("unknown_verb", "unknown_version")),

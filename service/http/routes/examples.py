@@ -32,7 +32,14 @@ _BODY = {
     response_model=ExampleAnswer,
     responses=problems(
         *("unknown_verb", "no_source", "invalid_draft", "read_only", "version_conflict", "bad_request", "not_ready"),
-        *("store_unavailable", "bad_upload", "body_too_large", "unsupported_media_type", "overloaded"),
+        *(
+            "store_unavailable",
+            "artifact_damaged",
+            "bad_upload",
+            "body_too_large",
+            "unsupported_media_type",
+            "overloaded",
+        ),
     ),
     openapi_extra=_BODY,
     summary="Add an example to a verb",

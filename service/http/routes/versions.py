@@ -102,7 +102,7 @@ async def versions(request: Request, verb: VerbName) -> Response:
     "/{verb}/versions/{number}/activate",
     operation_id="activate_version",
     response_model=VersionAnswer,
-    responses=problems("unknown_verb", "unknown_version", *_CHANGING),
+    responses=problems("unknown_verb", "unknown_version", "artifact_damaged", *_CHANGING),
     summary="Serve another version",
 )
 async def activate(request: Request, verb: VerbName, number: Number) -> Response:
@@ -116,7 +116,10 @@ async def activate(request: Request, verb: VerbName, number: Number) -> Response
     "/{verb}/versions/{number}",
     operation_id="download_version",
     response_class=Response,
-    responses={**forms(OCTETS), **problems("unknown_verb", "unknown_version", "read_only", "store_unavailable")},
+    responses={
+        **forms(OCTETS),
+        **problems("unknown_verb", "unknown_version", "read_only", "store_unavailable", "artifact_damaged"),
+    },
     summary="Download a version",
 )
 async def download(request: Request, verb: VerbName, number: Number) -> Response:

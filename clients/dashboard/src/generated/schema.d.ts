@@ -3443,6 +3443,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Store unavailable; not ready */
             503: {
                 headers: {
@@ -3529,6 +3538,15 @@ export interface operations {
             };
             /** @description Bad request */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Artifact damaged */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3662,6 +3680,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Store unavailable; not ready; overloaded */
             503: {
                 headers: {
@@ -3748,6 +3775,15 @@ export interface operations {
             };
             /** @description Validation Error */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Artifact damaged */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3882,7 +3918,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Not ready; overloaded; store unavailable */
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not ready; overloaded; store unavailable; store unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4001,6 +4046,15 @@ export interface operations {
             };
             /** @description Bad request; invalid draft; invalid upload; invalid request */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Artifact damaged */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4135,7 +4189,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Not ready; overloaded; store unavailable */
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not ready; overloaded; store unavailable; store unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4895,6 +4958,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Not ready; store unavailable; overloaded */
             503: {
                 headers: {
@@ -5013,7 +5085,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Not ready; overloaded */
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not ready; overloaded; store unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5145,7 +5226,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Not ready; overloaded */
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not ready; overloaded; store unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5462,7 +5552,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Not ready; overloaded */
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Not ready; overloaded; store unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5618,6 +5717,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description Artifact damaged */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Store unavailable */
             503: {
                 headers: {
@@ -5708,6 +5816,15 @@ export interface operations {
             };
             /** @description Bad request */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Artifact damaged */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };

@@ -137,6 +137,8 @@ def restore(source: Path, data: Path, *, report: Report = lambda done, total: No
         with tarfile.open(source, "r:") as archive:
             summary = _extract(archive, part, report)
         _check(part)
+        for folder in (part / BLOBS, part):
+            _sync_folder(folder)
         if data.exists():
             data.rmdir()
         part.rename(data)

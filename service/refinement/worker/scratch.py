@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from service.store.blobs import Blob, Folder, open_blobs
+from service.store.blobs import Blob, Folder, open_blobs, translated
+from service.store.records import StoreUnavailable
+from verbs.errors import ArtifactError
 from verbs.io import artifact
 from verbs.verb import Verb
 
@@ -15,6 +17,9 @@ __all__ = ["KEPT", "Scratch"]
 
 KEPT = 4
 """Number of checkpoints to keep: the latest, and some for a worker that lags behind."""
+
+
+UNWRITABLE = "temporary files of a job cannot be written"
 
 
 class Scratch:
@@ -35,17 +40,20 @@ class Scratch:
         self._blobs = open_blobs(place, cache=copies)
 
     def put(self, data: bytes) -> str:
-        """Store bytes; returns their name."""
-        with tempfile.TemporaryDirectory(prefix="adverb-") as folder:
+        """Store bytes; returns their name. Raises :class:`StoreUnavailable`, as where a disk is full."""
+        with translated(UNWRITABLE), tempfile.TemporaryDirectory(prefix="adverb-") as folder:
             path = Path(folder) / "blob"
             path.write_bytes(data)
             return str(self._blobs.put(path, lambda step: None).sha256)
 
     def put_verb(self, verb: Verb) -> str:
         """Store a verb as an artifact; returns its name, which is the hash that it is published under."""
-        with tempfile.TemporaryDirectory(prefix="adverb-") as folder:
+        with translated(UNWRITABLE), tempfile.TemporaryDirectory(prefix="adverb-") as folder:
             path = Path(folder) / "blob.verb"
-            artifact.save(verb, path)
+            try:
+                artifact.save(verb, path)
+            except ArtifactError as err:
+                raise StoreUnavailable(f"{UNWRITABLE}: {err.problem}") from err
             return str(self._blobs.put(path, lambda step: None).sha256)
 
     def get(self, name: str) -> bytes:

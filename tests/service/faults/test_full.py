@@ -28,7 +28,8 @@ ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root mounts file syste
 def mounted(folder, *options):
     """A small disk of its own."""
     folder.mkdir(exist_ok=True)
-    made = subprocess.run(["mount", "-t", "tmpfs", "-o", ",".join(options), "tmpfs", folder], capture_output=True)
+    command = ["mount", "-t", "tmpfs", "-o", ",".join(options), "tmpfs", folder]
+    made = subprocess.run(command, check=False, capture_output=True)
     if made.returncode:
         pytest.skip(f"no file system can be mounted: {made.stderr.decode().strip()}")
     try:
@@ -59,7 +60,7 @@ def fill(folder, left=0):
 
 def temporary(data):
     """Files that nothing refers to."""
-    found = [path for path in (data / "uploads").rglob("*")]
+    found = list((data / "uploads").rglob("*"))
     return found + [path for path in (data / "artifacts").rglob("*") if path.name.startswith(".")]
 
 
@@ -205,7 +206,7 @@ async def test_a_server_waits_for_a_data_folder_that_it_can_write(tmp_path):
 def remount(folder, mode):
     """Make a disk read-only or writable; refused while a removed file is open, as in a process that ends."""
     end = time.monotonic() + PATIENCE_S
-    while subprocess.run(["mount", "-o", f"remount,{mode}", folder], capture_output=True).returncode:
+    while subprocess.run(["mount", "-o", f"remount,{mode}", folder], check=False, capture_output=True).returncode:
         assert time.monotonic() < end
         time.sleep(0.05)
 

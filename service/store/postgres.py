@@ -13,6 +13,8 @@ import psycopg
 from sqlalchemy import Engine, create_engine, event
 from sqlalchemy.engine import URL
 
+from service.store.records import BadAddress
+
 __all__ = ["CHANNEL", "CONNECT_S", "NoAnswer", "bounded", "make_engine"]
 
 CHANNEL = "adverb_versions"
@@ -54,6 +56,17 @@ class _Connection(psycopg.Connection[Any]):
             raise
 
 
+def _check_encoding(connection: psycopg.Connection[Any]) -> None:
+    """Raise :class:`BadAddress` for a database that cannot store every text."""
+    encoding = connection.info.parameter_status("server_encoding")
+    if encoding != "UTF8":
+        name = connection.info.dbname
+        raise BadAddress(
+            f"the PostgreSQL database '{name}' has the encoding {encoding}, and Adverb needs UTF8: make another with "
+            f"CREATE DATABASE adverb ENCODING 'UTF8' TEMPLATE template0, and name it in ADVERB_DATABASE_URL"
+        )
+
+
 def make_engine(url: URL, *, timeout_s: float, connections: int) -> Engine:
     """An engine with a small pool, and time-outs for statements and locks, seconds."""
     millis = int(1000 * timeout_s)
@@ -65,6 +78,11 @@ def make_engine(url: URL, *, timeout_s: float, connections: int) -> Engine:
     def _connect(dialect: object, record: object, args: Any, options: dict[str, Any]) -> _Connection:
         options = options | {"connect_timeout": CONNECT_S, "tcp_user_timeout": millis}
         connection = _Connection.connect(*args, **options)
+        try:
+            _check_encoding(connection)
+        except BadAddress:
+            connection.close()
+            raise
         connection.timeout_s = timeout_s
         return connection
 

@@ -7,7 +7,9 @@ from contextlib import closing, contextmanager
 import psycopg
 import pytest
 
-from service.store.store import Store, StoreUnavailable
+from service.cli.doctor import findings
+from service.settings import Settings
+from service.store.store import BadAddress, Store, StoreUnavailable
 from tests.service.store.postgres import OTHERS
 
 BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
@@ -136,3 +138,19 @@ def test_a_closed_store_is_unavailable(store):
     store.close()
     with pytest.raises(StoreUnavailable, match="closed"):
         store.current()
+
+
+@pytest.mark.parametrize("encoding", ["SQL_ASCII", "LATIN1"])
+def test_a_postgresql_database_of_another_encoding_is_refused(postgres, tmp_path, encoding):
+    address = postgres.address(encoding.lower())
+    with psycopg.connect(postgres.address("postgres"), autocommit=True) as connection:
+        connection.execute(f"DROP DATABASE IF EXISTS {encoding}")
+        connection.execute(f"CREATE DATABASE {encoding} ENCODING '{encoding}' TEMPLATE template0")
+    for _ in range(2):
+        with pytest.raises(BadAddress, match=f"'{encoding.lower()}' has the encoding {encoding}.*ENCODING 'UTF8'"):
+            Store.open(address, str(tmp_path / "artifacts"))
+    rows = {row.check: row for row in findings(Settings(data=tmp_path, port=0, database_url=address))}
+    assert rows["database"].state == "failed"
+    assert "ENCODING 'UTF8'" in rows["database"].found
+    with psycopg.connect(address) as connection:
+        assert connection.execute("SELECT count(*) FROM pg_tables WHERE schemaname = 'public'").fetchone() == (0,)

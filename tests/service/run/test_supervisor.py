@@ -21,7 +21,7 @@ from service.run.restart import FIRST_PAUSE_S, LONGEST_PAUSE_S, STABLE_S, Pauses
 from tests.service.catalog.conftest import ZIP, zipped_arm
 from tests.service.conftest import ARM
 from tests.service.run.test_server import OCTETS, Lines, refused
-from tests.warm import Warm, children, descendants, lives
+from tests.warm import COMMAND, Warm, children, descendants, lives
 
 pytestmark = [pytest.mark.slow]
 
@@ -33,11 +33,14 @@ SERVER, REFINER, SANDBOX = "adverb-server", "adverb-refiner", "adverb-sandbox"
 class Running:
     """A supervisor, what it has forked, and the lines that they log."""
 
-    def __init__(self, warm: Warm, data: Path, workers: int = 1, refiners: int = 0, **environment: str) -> None:
+    def __init__(
+        self, warm: Warm, data: Path, workers: int = 1, refiners: int = 0, target: str = COMMAND, **environment: str
+    ) -> None:
         self.workers, self.refiners, self.data, self.base = workers, refiners, data, ""
         own = {"ADVERB_REFINERS": str(refiners), "ADVERB_SHUTDOWN_S": "5", "TMPDIR": str(data), **environment}
         arguments = ["serve", "--workers", str(workers), "--port", "0", "--data", str(data), "--log-json"]
-        self.process = warm.start(*arguments, environment={**os.environ, **own}, stderr=subprocess.PIPE)
+        given = {"environment": {**os.environ, **own}, "stderr": subprocess.PIPE, "target": target}
+        self.process = warm.start(*arguments, **given)
         self.lines = Lines(self.process.stderr)
 
     def wait(self) -> "Running":

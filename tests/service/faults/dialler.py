@@ -13,6 +13,11 @@ LONGEST_S = 60.0
 HALF = b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX-Slow: "
 
 
+def report(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
 def main() -> None:
     port, count = int(sys.argv[1]), int(sys.argv[2])
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
@@ -24,7 +29,7 @@ def main() -> None:
             connection.send(HALF)
         connection.setblocking(False)
         selector.register(connection, selectors.EVENT_READ)
-    print("open", flush=True)
+    report("open")
     end, left = time.monotonic() + LONGEST_S, count
     while left and time.monotonic() < end:
         for key, _ in selector.select(1.0):
@@ -36,7 +41,7 @@ def main() -> None:
                 selector.unregister(key.fileobj)
                 key.fileobj.close()
                 left -= 1
-    print(count - left, flush=True)
+    report(str(count - left))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ versions, artifacts and uploads.
 from __future__ import annotations
 
 import asyncio
+import math
 import platform
 import secrets
 import shutil
@@ -85,30 +86,36 @@ class Scheduler:
         self.server = f"{platform.node()[:100]}-{secrets.token_hex(4)}"
         self._changed: set[str] = set()
         self._store_usage_at_s, self._collect_at_s = started_s, started_s + COLLECT_S[0]
+        self._started_s, self._started_monotonic_s = started_s, time.monotonic()
 
     async def run(self) -> None:
         """Run the tasks until cancelled; failures are logged and do not stop the server."""
         while True:
             records = self._usage.take()
             try:
-                await run_in_thread(partial(self.run_once, records, time.time()))
+                latest_s = self._started_s + time.monotonic() - self._started_monotonic_s
+                await run_in_thread(partial(self.run_once, records, time.time(), latest_s=latest_s))
             except StoreUnavailable as err:
                 log.info("store unavailable; scheduled tasks wait", problem=str(err))
             except Exception as err:
                 log.error("scheduled task failed", exc_info=err)
             await asyncio.sleep(INTERVAL_S)
 
-    def run_once(self, records: list[Record], now_s: float) -> None:
-        """Run the tasks that are due; raises :class:`StoreUnavailable`, and the next run does the rest."""
+    def run_once(self, records: list[Record], now_s: float, *, latest_s: float = math.inf) -> None:
+        """Run the tasks that are due; raises :class:`StoreUnavailable`, and the next run does the rest.
+
+        What is collected is old at ``latest_s`` too, the time without the jumps of the clock since the start: one that
+        is set forward by mistake removes nothing.
+        """
         self._changed |= set(self._usage.count(records, now_s))
         self._update_metrics()
-        if now_s >= self._store_usage_at_s:
+        if _due(self._store_usage_at_s, now_s, STORE_USAGE_S):
             self._store_usage(now_s)
             self._store_usage_at_s = now_s + STORE_USAGE_S
         if self._refine_above is not None:
             self._refine(self._refine_above, now_s)
-        if now_s >= self._collect_at_s:
-            self._collect(now_s)
+        if _due(self._collect_at_s, now_s, COLLECT_S[1]):
+            self._collect(min(now_s, latest_s))
             self._collect_at_s = now_s + COLLECT_S[1]
 
     def _update_metrics(self) -> None:
@@ -154,3 +161,8 @@ class Scheduler:
                 log.info("refinement started", verb=verb, job=job.id, error=round(usage.error, 6), above=above)
                 started.append(job)
         return started
+
+
+def _due(at_s: float, now_s: float, interval_s: float) -> bool:
+    """Whether something is due that happens once in an interval; also if the clock was set back by more than that."""
+    return not at_s - interval_s <= now_s < at_s

@@ -22,7 +22,7 @@ POSE = {"adverbs": {"x": 0.4, "y": 0.3}}
 STREAMS = 12
 CLIENTS = 4
 END_S = 20.0
-"""Longest time in which a server ends under load, beyond the 5 s that requests may take."""
+"""Longest time in which a server ends under load, with the 2 s that requests may take."""
 
 
 class Load:
@@ -74,7 +74,7 @@ def drained(stream):
 
 
 def test_signals_under_load_lose_one_server_s_streams_and_give_no_wrong_answer(warm, tmp_path):
-    running = Running(warm, tmp_path, workers=2)
+    running = Running(warm, tmp_path, workers=2, ADVERB_SHUTDOWN_S="2")
     with ExitStack() as stack:
         stack.callback(running.process.end)
         running.wait()

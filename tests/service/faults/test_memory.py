@@ -42,7 +42,9 @@ async def test_a_refinement_without_memory_fails_and_its_worker_continues(warm, 
         async with client_of(server) as client:
 
             async def ended(verb):
-                job = (await client.post(f"/v1/verbs/{verb}/refinements", json={"max_pseudo": 1, "target_error": 1e-6})).json()
+                job = (
+                    await client.post(f"/v1/verbs/{verb}/refinements", json={"max_pseudo": 1, "target_error": 1e-6})
+                ).json()
                 where = f"/v1/refinements/{job['id']}"
                 return await until(client, where, lambda row: row["state"] not in ("queued", "running"))
 

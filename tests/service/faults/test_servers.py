@@ -135,3 +135,30 @@ def test_two_servers_on_one_folder_publish_in_turn_and_follow_each_other(pair, t
     assert (answer.status_code, answer.json()["version"]) == (201, 7)  # the same bytes are the same version
     until(lambda: len(pair[0].logged("ready")) == 2)
     assert served(pair[0]) == 7
+
+
+def test_a_mapped_file_that_is_cut_short_ends_no_more_than_its_verb(warm, tmp_path):
+    running = Running(warm, tmp_path)
+    with ExitStack() as stack:
+        stack.callback(running.process.end)
+        running.wait()
+        (version,) = httpx.get(f"{running.base}/v1/verbs/arm3/versions").json()["versions"]
+        os.truncate(tmp_path / "artifacts" / f"{version['sha256']}.verb", 100)
+
+        def gone():
+            with suppress(httpx.TransportError):  # the process may read the missing pages before it checks the file
+                answer = httpx.post(f"{running.base}/v1/verbs/arm3/pose", json=POSE, timeout=LONGEST_S)
+                return answer.status_code == 404
+            return False
+
+        def reported():
+            with suppress(httpx.TransportError):
+                return httpx.get(f"{running.base}/readyz").json().get("skipped")
+            return None
+
+        until(gone)
+        until(reported)
+        (skipped,) = reported()
+        assert skipped["file"] == "arm3 version 1"
+        assert "is damaged" in skipped["problem"]
+        assert httpx.get(f"{running.base}/v1/verbs/reach").status_code == 200

@@ -318,7 +318,8 @@ def _line(err: Exception) -> str:
 def _make(folder: Path) -> None:
     """Create a folder and those above it, durably: a power failure must not remove it with the artifacts in it."""
     if not folder.is_dir():
-        _make(folder.parent)
+        if not folder.parent.exists():
+            _make(folder.parent)
         folder.mkdir(exist_ok=True)
         sync_folder(folder.parent)
 

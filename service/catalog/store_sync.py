@@ -150,6 +150,8 @@ class StoreSync:
         except (VerbError, StoreError, OSError) as err:
             if isinstance(err, StoreUnavailable) and known is None:
                 raise  # there is no earlier version to serve
+            if isinstance(err, StoreUnavailable) and served:
+                return None  # the file cannot be checked now, for example without a free descriptor
             if served and isinstance(err, ArtifactDamaged):
                 del entries[name]
             return err

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-MOST_PENDING = 4
+MOST_PENDING = 3
 """Unsynced changes of names of which every subset is tried; of more: none, all, and each one alone."""
 
 EVENTS = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir")

@@ -49,7 +49,6 @@ async def test_a_jump_disturbs_neither_streams_nor_changes(tmp_path, clock):
                 stamps = [frame.time_ns for frame in (before, *frames)]
                 assert all(0 < later - earlier < 5e9 for earlier, later in itertools.pairwise(stamps))
                 assert [frame.sequence for frame in frames] == list(range(before.sequence + 1, before.sequence + 21))
-                assert frames[-1].dropped - before.dropped < 5 * 60  # of a busy machine; a jump has a million ticks
                 before = frames[-1]
                 assert (await client.post("/v1/verbs/arm3/pose", json=POSE)).status_code == 200
                 file = tmp_path / "next"

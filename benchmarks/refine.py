@@ -30,7 +30,7 @@ from adverb_load.fleet import run
 from adverb_load.process import Served, serve
 
 from benchmarks.timing import machine
-from tests.service.store.postgres import Postgres, programs
+from tools.postgres import Postgres, programs
 from verbs import library
 from verbs.io import artifact
 

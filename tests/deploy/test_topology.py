@@ -14,9 +14,9 @@ import httpx
 import pytest
 
 from service.refinement.worker.healthcheck import alive
-from tests.service.store.postgres import Postgres, programs
 from tests.service.stream.conftest import open_stream
 from tests.warm import Process as Started
+from tools.postgres import Postgres, programs
 from verbs import library
 from verbs.io import artifact
 

@@ -21,7 +21,7 @@ from service.refinement.worker.steps import JobSteps
 from service.store.records import ENDED, Job, StoreUnavailable, Version
 from service.store.store import Store
 from tests.service.refinement import worker_process
-from tests.service.store.postgres import Postgres, programs
+from tools.postgres import Postgres, programs
 from verbs import library
 from verbs.io import artifact
 from verbs.verb import Verb

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from service.store.store import Store
-from tests.service.store.postgres import Postgres, memory, programs
+from tools.postgres import Postgres, memory, programs
 
 KINDS = ("sqlite", "postgresql")
 

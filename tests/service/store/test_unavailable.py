@@ -10,7 +10,7 @@ import pytest
 from service.cli.doctor import findings
 from service.settings import Settings
 from service.store.store import BadAddress, Store, StoreUnavailable
-from tests.service.store.postgres import OTHERS
+from tools.postgres import OTHERS
 
 BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 

@@ -14,13 +14,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import util
 from pathlib import Path
+from typing import Any
 
 import psycopg
+
+__all__ = ["OTHERS", "Postgres", "memory", "programs"]
 
 OTHERS = "pid <> pg_backend_pid() AND datname = current_database()"
 """Other connections of the same database, in pg_stat_activity."""
 ACCOUNT = "nobody"
-"""PostgreSQL runs as this user where the tests run as root."""
+"""PostgreSQL runs as this user where this program runs as root."""
 
 
 def programs() -> Path | None:
@@ -30,15 +33,23 @@ def programs() -> Path | None:
 
 
 def memory() -> Path | None:
-    """A folder in memory, where there is one: tests do not wait for disks that they share."""
+    """A folder in memory, where there is one: processes do not wait for disks that others use."""
     shm = Path("/dev/shm")
     return shm if os.access(shm, os.W_OK) else None
 
 
 class Postgres:
+    """A server that runs until :meth:`remove`, with its data in a folder in memory where that is possible.
+
+    Parameters
+    ----------
+    bin : Path
+        Its programs; see :func:`programs`.
+    """
+
     def __init__(self, bin: Path) -> None:
         self._bin = bin
-        self._user = {"user": ACCOUNT} if os.geteuid() == 0 else {}  # PostgreSQL refuses to run as root
+        self._user: dict[str, Any] = {"user": ACCOUNT} if os.geteuid() == 0 else {}  # PostgreSQL refuses to run as root
         self.folder = Path(tempfile.mkdtemp(prefix="pg-", dir=memory()))  # short: a socket's path has its limit
         if self._user:
             shutil.chown(self.folder, **self._user)
@@ -58,12 +69,14 @@ class Postgres:
         return copy / bin.relative_to(package.parent)
 
     def start(self) -> None:
+        """Start it; returns when it accepts connections."""
         options = f"-h '' -k {self.folder} -F -c shared_buffers=16MB"
         self._call(
             "pg_ctl", "-w", "-s", "-D", f"{self.folder}/data", "-l", f"{self.folder}/log", "-o", options, "start"
         )
 
     def stop(self) -> None:
+        """Stop it as a crash does: open transactions are lost, committed ones are recovered at the start."""
         self._call("pg_ctl", "-w", "-s", "-D", f"{self.folder}/data", "-m", "immediate", "stop")
 
     @contextmanager
@@ -81,10 +94,13 @@ class Postgres:
                     os.kill(process, signal.SIGCONT)
 
     def remove(self) -> None:
-        self.stop()
+        """Stop it and remove its folder."""
+        if (self.folder / "data" / "postmaster.pid").exists():
+            self.stop()
         shutil.rmtree(self.folder)
 
     def address(self, name: str) -> str:
+        """Address of a database."""
         return f"postgresql://adverb@/{name}?host={self.folder}"
 
     def database(self) -> str:

@@ -1,0 +1,101 @@
+"""What the store, the servers and the folders have after a run."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import time
+from collections.abc import Iterable
+from contextlib import closing, suppress
+from pathlib import Path
+
+import httpx
+import numpy as np
+
+from benchmarks.chaos.cluster import Cluster
+from benchmarks.chaos.ledger import Ledger
+from benchmarks.chaos.verdict import Found
+from service.http.routes.refinements import ENDED
+from service.store.store import ORPHAN_S, Store, UnknownVerb, Version
+from verbs import Evaluator
+from verbs.io import artifact
+
+__all__ = ["ENDED", "collected", "inspect", "job_states", "listed"]
+
+LIST_S = 20.0
+"""Time in which all servers serve what the store has, seconds."""
+MAX_JOBS = 100_000
+_LEFT = re.compile(r"^(?!adverb-metrics-).*")
+
+
+def job_states(cluster: Cluster, ledger: Ledger) -> dict[str, tuple[str, float]]:
+    """State, and time of the last change, of each refinement that was accepted."""
+    with closing(Store.open(cluster.database, str(cluster.data / "artifacts"))) as store:
+        return {row.id: (row.state, row.updated_at_s) for row in store.jobs(limit=MAX_JOBS) if row.id in ledger.jobs}
+
+
+def inspect(cluster: Cluster, ledger: Ledger) -> Found:
+    """Read everything: the store, every artifact, and the list of every server."""
+    with closing(Store.open(cluster.database, str(cluster.data / "artifacts"))) as store:
+        current = {verb: version.number for verb, version in store.current().items()}
+        verbs = set(current) | {verb for verb, _ in ledger.versions}
+        rows = []
+        for verb in sorted(verbs):
+            with suppress(UnknownVerb):  # lost: the check of versions finds it
+                rows += store.versions(verb)
+        unreadable = [problem for version in rows if (problem := _problem(store, version))]
+        jobs = {row.id: row.state for row in store.jobs(limit=MAX_JOBS) if row.id in ledger.jobs}
+    return Found(
+        {(row.verb, row.number): row.sha256 for row in rows},
+        current,
+        frozenset((row.verb, row.number) for row in rows if row.parent is not None),
+        tuple(unreadable),
+        listed(cluster.base, current),
+        jobs,
+    )
+
+
+def _problem(store: Store, version: Version) -> str:
+    """Why a version cannot be read, or an empty text; a pose of each example is computed."""
+    name = f"{version.verb} {version.number}"
+    try:
+        path = store.path(version)
+        if hashlib.sha256(path.read_bytes()).hexdigest() != version.sha256:
+            return f"{name}: its file has another hash"
+        verb = artifact.load(path)
+        evaluator = Evaluator(verb)
+        poses = evaluator.pose(verb.values, phase=np.full(len(verb.values), 0.5))
+    except Exception as err:  # whatever it is, the version is not readable
+        return f"{name}: {type(err).__name__} {err}"
+    return "" if np.isfinite(poses.rotations).all() else f"{name}: its poses are not finite"
+
+
+def listed(base: str, current: dict[str, int]) -> dict[str, dict[str, int]]:
+    """Versions that some connections list, each to whichever server accepts it, once they agree with the store."""
+    found: dict[str, dict[str, int]] = {}
+    end = time.monotonic() + LIST_S
+    while not found or (any(rows != current for rows in found.values()) and time.monotonic() < end):
+        for number in range(16):
+            with httpx.Client(base_url=base, timeout=30.0) as http:
+                rows = http.get("/v1/verbs").json()["verbs"]
+            found[f"connection {number}"] = {row["name"]: row["version"] for row in rows}
+        time.sleep(0.2)
+    return found
+
+
+def collected(cluster: Cluster) -> list[str]:
+    """Names of files that stay although nothing refers to them; collects as a server does an hour later."""
+    later_s = time.time() + ORPHAN_S + 60.0
+    with closing(Store.open(cluster.database, str(cluster.data / "artifacts"))) as store:
+        store.collect(now_s=later_s)
+        verbs = store.current()
+        used = {row.sha256 for verb in verbs for row in store.versions(verb)}
+    del used
+    return [*_names(cluster.temporary), *_names(cluster.data / "artifacts", pattern=r"\..*\.tmp")]
+
+
+def _names(folder: Path, pattern: str = _LEFT.pattern) -> Iterable[str]:
+    """Files of a folder whose names match, with their folder."""
+    if not folder.exists():
+        return []
+    return sorted(f"{folder.name}/{path.name}" for path in folder.iterdir() if re.match(pattern, path.name))

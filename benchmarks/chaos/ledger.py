@@ -1,0 +1,156 @@
+"""What a run has recorded: faults, acknowledged changes, answers, outages and samples of processes."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+from benchmarks.chaos.plan import Fault
+
+__all__ = ["LATE_S", "Answer", "Happened", "Ledger", "Outage", "Sample", "Stall"]
+
+LATE_S = 15.0
+"""Time in which a change whose answer was lost may still take effect, seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """A fault as it happened; times from the start, seconds."""
+
+    fault: Fault
+    began_s: float
+    ended_s: float
+    pids: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A request that did not succeed: its interval, what it was, and the problem (``503 not_ready``, ``ReadError``)."""
+
+    began_s: float
+    ended_s: float
+    what: str
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """A stream without a connection, from its loss to the next pose message; ``resumed`` if its session continued."""
+
+    stream: int
+    began_s: float
+    ended_s: float
+    resumed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Stall:
+    """A stream, or a channel of it, without a frame for too long; ``details`` tell what it did last."""
+
+    stream: int
+    at_s: float
+    details: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Memory and files of a process.
+
+    Parameters
+    ----------
+    at_s, uptime_s : float
+    kind : str
+        ``parent``, ``server`` or ``worker``.
+    pid : int
+    rss_mib, own_mib : float
+        Resident memory, and the part of it that no other process shares.
+    files : int
+    """
+
+    at_s: float
+    uptime_s: float
+    kind: str
+    pid: int
+    rss_mib: float
+    own_mib: float
+    files: int
+
+
+@dataclass(slots=True)
+class Changes:
+    """What may be current for a verb, from the answers that its author got.
+
+    Parameters
+    ----------
+    possible : set of int or None
+        Versions; None stands for a deleted verb.
+    unsure : list of (float, int or None, bool)
+        Time and target of changes whose answer was lost; the last is true for a publication, of unknown number.
+    """
+
+    possible: set[int | None] = field(default_factory=set)
+    unsure: list[tuple[float, int | None, bool]] = field(default_factory=list)
+
+    def acknowledged(self, at_s: float, current: int | None) -> None:
+        """A change succeeded; only unanswered ones that are recent may come after it."""
+        self.unsure = [row for row in self.unsure if row[0] > at_s - LATE_S]
+        self.possible = {current}
+
+    def allows(self, current: int | None, unacknowledged: set[int]) -> bool:
+        """Whether a version may be current; ``unacknowledged`` are those that no author got an answer for."""
+        targets = {target for _, target, publishes in self.unsure if not publishes}
+        published = unacknowledged if any(publishes for *_, publishes in self.unsure) else set()
+        return not self.possible or current in self.possible | targets | published
+
+
+@dataclass(slots=True)
+class Ledger:
+    """Record of a run."""
+
+    start_s: float = field(default_factory=time.monotonic)
+    faults: list[Happened] = field(default_factory=list)
+    versions: dict[tuple[str, int], str] = field(default_factory=dict)
+    """SHA-256 of each version that was acknowledged."""
+    changes: dict[str, Changes] = field(default_factory=dict)
+    jobs: dict[str, str] = field(default_factory=dict)
+    """Verb of each refinement that was accepted."""
+    done: Counter[str] = field(default_factory=Counter)
+    """Operations and requests that succeeded, truncated connections, and actions of streams."""
+    answers: list[Answer] = field(default_factory=list)
+    outages: list[Outage] = field(default_factory=list)
+    stalls: list[Stall] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+    """Answers and messages that are not what the documents promise."""
+    compared: Counter[str] = field(default_factory=Counter)
+    worst: dict[str, float] = field(default_factory=dict)
+    """Number of poses whose measured value was computed again, and the largest difference, metres, by kind."""
+    samples: list[Sample] = field(default_factory=list)
+    messages: int = 0
+    gaps: int = 0
+    dropped: int = 0
+
+    def now_s(self) -> float:
+        """Seconds from the start."""
+        return time.monotonic() - self.start_s
+
+    def of(self, verb: str) -> Changes:
+        """What may be current for a verb."""
+        return self.changes.setdefault(verb, Changes())
+
+    def failed(self, began_s: float, what: str, problem: str) -> None:
+        """A request did not succeed."""
+        self.answers.append(Answer(began_s, self.now_s(), what, problem))
+
+    def compare(self, kind: str, difference_m: float, count: int = 1) -> None:
+        """Poses were computed again; NaN counts as infinite."""
+        self.compared[kind] += count
+        value = float("inf") if math.isnan(difference_m) else difference_m
+        self.worst[kind] = max(self.worst.get(kind, 0.0), value)
+
+    def fault(self, problem: str) -> None:
+        """Something is wrong, wherever faults are."""
+        self.done["wrong"] += 1
+        if len(self.wrong) < 100:
+            self.wrong.append(f"{self.now_s():.1f} s: {problem}")

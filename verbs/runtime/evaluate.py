@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TypeGuard
 
 import numpy as np
@@ -132,20 +132,26 @@ class Evaluator:
         self._problem: PositionProblem | None = None
         self._method = lru_cache(maxsize=None)(lambda name: methods.make(name, verb))
         self._support: Support | None = None
-        self.follow_window = lru_cache(maxsize=1)(self._follow_window)
-        self.planting = lru_cache(maxsize=1)(self._planting)
 
     def method(self, name: str | None = None) -> tuple[str, methods.Method]:
         """A method by name, prepared once; None takes the verb's default."""
         chosen = name or self._default
         return chosen, self._method(chosen)
 
-    def _planting(self) -> Planting:
+    def planting(self) -> Planting:
         """The feet, prepared once; none where the verb has no contacts."""
+        return self._planting
+
+    def follow_window(self) -> tuple[float, float] | None:
+        """Phases (from, to) at which a paused pose can follow its goal, prepared once; None where none can."""
+        return self._follow_window
+
+    @cached_property  # a cache of a bound method would refer to the evaluator, and keep replaced versions in memory
+    def _planting(self) -> Planting:
         return planting_of(self.verb)
 
+    @cached_property
     def _follow_window(self) -> tuple[float, float] | None:
-        """Phases (from, to) at which a paused pose can follow its goal; None where none can."""
         if "corrected" not in methods.usable(self.verb):
             return None
         method = self._method("corrected")

@@ -1,6 +1,9 @@
 """Loading of built-in verbs and files."""
 
+import gc
 import shutil
+import weakref
+from pathlib import Path
 
 import pytest
 import structlog
@@ -64,3 +67,17 @@ def test_of_two_files_with_one_name_the_first_is_served(tmp_path, data_dir):
 def test_a_catalog_does_not_change(catalog):
     with pytest.raises(TypeError):
         catalog.entries["other"] = catalog.entry("arm3")
+
+
+def test_a_replaced_version_is_freed_without_a_collection():
+    """Servers collect garbage rarely; cycles would keep every version that was ever served, and its file open."""
+    path = Path(library.__file__).with_name("arm3.verb")
+    gc.collect()
+    gc.disable()
+    try:
+        entry = catalogs.Entry.of_verb(artifact.load(path), path=path)
+        evaluator = weakref.ref(entry.evaluator)
+        del entry
+        assert evaluator() is None
+    finally:
+        gc.enable()

@@ -142,11 +142,14 @@ class ServerState:
 
     async def run(self) -> None:
         """Load verbs and warm kernels in a thread, then run the tasks of the store until cancelled."""
+        await self._load_first()  # keeps no reference to what it loads, since versions are replaced
+        if self.store_sync is not None and self.refinements is not None and self.uploads is not None:
+            await self._run_tasks(self.store_sync, self.refinements, self.uploads)
+
+    async def _load_first(self) -> None:
         loaded = await load_with_retry(self._load, self._wait_for_store)
         log.info("ready", verbs=list(loaded.entries), skipped=len(loaded.skipped))
         self.set_catalog(loaded)
-        if self.store_sync is not None and self.refinements is not None and self.uploads is not None:
-            await self._run_tasks(self.store_sync, self.refinements, self.uploads)
 
     async def _run_tasks(self, sync: StoreSync, refinements: Refinements, uploads: Uploads) -> None:
         scheduler = Scheduler(

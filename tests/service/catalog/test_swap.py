@@ -1,6 +1,9 @@
 """Versions change while a hundred streams run, without lost frames or jumps."""
 
 import asyncio
+import gc
+import time
+import weakref
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from itertools import pairwise
@@ -128,3 +131,20 @@ def smooth(client):
     accelerations = accelerations[dropped[2:] == dropped[:-2]]  # a frame after missed ones bears the first one's time
     assert accelerations.max() < STEEPEST * way / VERSION_S**2
     assert STEEPEST / VERSION_S**2 < 0.2 * 60**2  # so that a jump could not pass
+
+
+def test_a_version_from_the_start_is_freed_when_it_is_replaced(arms, tmp_path):
+    artifact.save(arms[0], tmp_path / "arm.verb")
+    server = Kept(data=tmp_path, refiners=0).start(PATIENCE_S)
+    gc.disable()  # a server collects rarely
+    try:
+        first = weakref.ref(server.state.current().entries["arm"].evaluator)
+        publish(server, arms[1], tmp_path / "next")
+        end = time.monotonic() + PATIENCE_S
+        while first() is not None:
+            assert time.monotonic() < end, "it is still in memory"
+            time.sleep(0.02)
+        assert server.state.current().entries["arm"].version == 2
+    finally:
+        gc.enable()
+        server.stop()

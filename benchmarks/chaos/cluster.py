@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -114,16 +115,17 @@ class Cluster:
 
     def sample(self, ledger: Ledger) -> None:
         """Record memory and files of all processes that live."""
+        ledger.serves(ledger.now_s(), running=bool(self.children(SERVER)))
         kinds = [("parent", [self.process.pid]), ("server", self.children(SERVER)), ("worker", self.children(WORKER))]
         for kind, pids in kinds:
             for pid in pids:
                 with suppress(OSError, ValueError):  # it has just ended
                     ledger.samples.append(_sample(ledger.now_s(), kind, pid))
 
-    def files(self) -> dict[str, int]:
-        """Open files of the parent, and the most of a server."""
-        servers = [len(os.listdir(f"/proc/{pid}/fd")) for pid in self.children(SERVER)]
-        return {"parent": len(os.listdir(f"/proc/{self.process.pid}/fd")), "server": max(servers, default=0)}
+    def files(self) -> dict[str, list[str]]:
+        """What the open files of the parent, and of the server with the most of them, refer to."""
+        servers = [_open_files(pid) for pid in self.children(SERVER)]
+        return {"parent": _open_files(self.process.pid), "server": max(servers, key=len, default=[])}
 
     def owner_of(self, port: int) -> int | None:
         """Id of the server that holds the connection of a client's port; None where there is none."""
@@ -196,6 +198,16 @@ def _start(folder: Path, postgres: Postgres) -> subprocess.Popen[bytes]:
             stderr=log,
             start_new_session=True,  # a terminal's Ctrl-C is for this program, which ends the others
         )
+
+
+def _open_files(pid: int) -> list[str]:
+    """What the file descriptors of a process refer to, without numbers of sockets and pipes; files by their folder."""
+    found = []
+    for path in Path(f"/proc/{pid}/fd").iterdir():
+        with suppress(OSError):
+            to = os.readlink(path)
+            found.append(Path(to).parent.name if to.startswith("/") else re.sub(r"\[\d+\]$", "", to))
+    return sorted(found)
 
 
 def _sample(at_s: float, kind: str, pid: int) -> Sample:

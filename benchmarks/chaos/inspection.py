@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import re
 import time
 from collections.abc import Iterable
 from contextlib import closing, suppress
-from pathlib import Path
 
 import httpx
 import numpy as np
@@ -16,6 +14,10 @@ from benchmarks.chaos.cluster import Cluster
 from benchmarks.chaos.ledger import Ledger
 from benchmarks.chaos.verdict import Found
 from service.http.routes.refinements import ENDED
+from service.metrics import Metrics
+from service.refinement.queue import Refinements
+from service.refinement.scheduler import Scheduler
+from service.refinement.usage import Usage
 from service.store.store import ORPHAN_S, Store, UnknownVerb, Version
 from verbs import Evaluator
 from verbs.io import artifact
@@ -25,7 +27,8 @@ __all__ = ["ENDED", "collected", "inspect", "job_states", "listed"]
 LIST_S = 20.0
 """Time in which all servers serve what the store has, seconds."""
 MAX_JOBS = 100_000
-_LEFT = re.compile(r"^(?!adverb-metrics-).*")
+METRICS = "adverb-metrics-"
+"""Start of the name of the temporary folder that stays while servers run."""
 
 
 def job_states(cluster: Cluster, ledger: Ledger) -> dict[str, tuple[str, float]]:
@@ -83,19 +86,23 @@ def listed(base: str, current: dict[str, int]) -> dict[str, dict[str, int]]:
     return found
 
 
-def collected(cluster: Cluster) -> list[str]:
-    """Names of files that stay although nothing refers to them; collects as a server does an hour later."""
-    later_s = time.time() + ORPHAN_S + 60.0
-    with closing(Store.open(cluster.database, str(cluster.data / "artifacts"))) as store:
-        store.collect(now_s=later_s)
-        verbs = store.current()
-        used = {row.sha256 for verb in verbs for row in store.versions(verb)}
-    del used
-    return [*_names(cluster.temporary), *_names(cluster.data / "artifacts", pattern=r"\..*\.tmp")]
+def collected(cluster: Cluster, verbs: Iterable[str]) -> list[str]:
+    """Names of files that stay although nothing refers to them, after a collection as a server does it an hour later.
 
-
-def _names(folder: Path, pattern: str = _LEFT.pattern) -> Iterable[str]:
-    """Files of a folder whose names match, with their folder."""
-    if not folder.exists():
-        return []
-    return sorted(f"{folder.name}/{path.name}" for path in folder.iterdir() if re.match(pattern, path.name))
+    Parameters
+    ----------
+    cluster : Cluster
+    verbs : iterable of str
+        All verbs, also deleted ones.
+    """
+    artifacts, uploads = cluster.data / "artifacts", cluster.data / "uploads"
+    with closing(Store.open(cluster.database, str(artifacts))) as store:
+        parts = store, Refinements(cluster.database, store), Usage(), Metrics()
+        scheduler = Scheduler(*parts, uploads=uploads, refine_above=None, started_s=0.0)
+        scheduler.run_once([], time.time() + ORPHAN_S + 60.0)
+        rows = [row for verb in verbs for row in store.versions(verb)]
+    used = {f"{name}.verb" for row in rows for name in (row.sha256, row.source_sha256)}
+    left = [path for path in artifacts.iterdir() if path.is_file() and path.name not in used]
+    left += (artifacts / "jobs").glob("*/*")  # of refinements, which have all ended
+    left += [*uploads.iterdir(), *(path for path in cluster.temporary.iterdir() if not path.name.startswith(METRICS))]
+    return sorted(f"{path.parent.name}/{path.name}" for path in left)

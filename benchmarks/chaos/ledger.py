@@ -127,13 +127,30 @@ class Ledger:
     worst: dict[str, float] = field(default_factory=dict)
     """Number of poses whose measured value was computed again, and the largest difference, metres, by kind."""
     samples: list[Sample] = field(default_factory=list)
+    down: list[tuple[float, float]] = field(default_factory=list)
+    """Intervals in which no server ran: all were killed, and their restarts pause."""
     messages: int = 0
     gaps: int = 0
     dropped: int = 0
+    _served_s: float = 0.0
 
     def now_s(self) -> float:
         """Seconds from the start."""
         return time.monotonic() - self.start_s
+
+    def serves(self, at_s: float, *, running: bool) -> None:
+        """At this time a server ran, or none; times are not more than some seconds apart."""
+        if running:
+            self._served_s = at_s
+        elif self.down and self.down[-1][1] >= self._served_s:
+            self.down[-1] = self.down[-1][0], at_s
+        else:
+            self.down.append((self._served_s, at_s))
+
+    @property
+    def last_down_s(self) -> float:
+        """The last time at which no server ran."""
+        return self.down[-1][1] if self.down else 0.0
 
     def of(self, verb: str) -> Changes:
         """What may be current for a verb."""

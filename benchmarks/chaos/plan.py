@@ -11,15 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 __all__ = [
-    "CUT", "DATABASE", "FAULTS", "NETWORK", "OWN", "PUBLISHED", "SERVERS", "WORKERS", "Fault", "Operation", "Plan", "StreamPlan",
+    "CUT", "DATABASE", "FAULTS", "NETWORK", "OWN", "PUBLISHED", "SERVERS", "WORKERS", "Fault", "Operation", "Plan",
+    "StreamPlan",
 ]  # fmt: skip
 
 SERVERS = ("kill server", "kill all servers", "stop server")
 WORKERS = ("kill worker", "stop worker")
 NETWORK = ("cut streams",)
 DATABASE = ("stop database", "freeze database")
-"""Kinds of faults. ``kill`` is SIGKILL, ``stop`` of a process SIGTERM; the database is stopped as by a crash, and frozen
-by SIGSTOP. ``cut`` resets connections of some clients."""
+"""Kinds of faults. ``kill`` is SIGKILL, ``stop`` of a process SIGTERM. ``cut`` resets connections of some clients. The
+database is stopped as by a crash, and frozen by SIGSTOP."""
 
 FAULTS = (
     "kill server", "kill server", "kill server", "kill all servers", "stop server",

@@ -23,6 +23,7 @@ from benchmarks.chaos.verdict import (
     check_answers,
     check_files,
     check_jobs,
+    check_log,
     check_measured,
     check_memory,
     check_numbers,
@@ -155,13 +156,14 @@ class Run:
     async def _close(self) -> None:
         """Wait until the servers have closed the files of clients that left."""
         end_s = self.ledger.now_s() + CLOSED_S
-        while self.ledger.now_s() < end_s and self.cluster.files()["server"] > self.files["server"]:  # noqa: ASYNC110
+        while self.ledger.now_s() < end_s and len(self.cluster.files()["server"]) > len(self.files["server"]):  # noqa: ASYNC110
             await asyncio.sleep(0.5)
 
     def checks(self, alive: int) -> list[Check]:
         """All rows of the table."""
         after = self.cluster.files()
         found = inspect(self.cluster, self.ledger)
+        left = collected(self.cluster, {verb for verb, _ in found.versions})
         return [
             check_versions(self.ledger, found),
             check_jobs(self.ledger, found, ENDED, self.moving),
@@ -170,7 +172,8 @@ class Run:
             check_streams(self.ledger, len(self.streams), alive),
             check_answers(self.ledger),
             check_memory(self.ledger, self.plan.seconds),
-            check_files(self.files, after, collected(self.cluster)),
+            check_log(self.ledger, self.cluster.log.read_text(errors="replace").splitlines()),
+            check_files(self.files, after, left, verbs=len(found.current)),
         ]
 
 

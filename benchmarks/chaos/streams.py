@@ -35,7 +35,7 @@ from benchmarks.chaos.plan import StreamPlan
 __all__ = ["STALL_S", "TOLERANCES_M", "Watched"]
 
 STALL_S = 30.0
-"""A stream without a frame for this time has not recovered, seconds."""
+"""A stream or channel without a frame for this time, in which a server runs, has not recovered; seconds."""
 CONNECT_S = 60.0
 """Longest wait for the first connection and for the answer to ``open``, seconds."""
 SETTLED_S = 1.5
@@ -204,6 +204,7 @@ class Watched:
                 self._check(channel.number, record)
             else:
                 since_s = min(since_s, seen_s)
+        since_s = max(since_s, self.ledger.last_down_s)
         if now_s - since_s > STALL_S and not self._stalled:
             self._stalled = True
             self.ledger.stalls.append(Stall(self.number, now_s, (self._story(), *self._events)))

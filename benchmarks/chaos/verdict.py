@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from statistics import median
 
 from benchmarks.chaos.ledger import Answer, Happened, Ledger, Outage, Sample
-from benchmarks.chaos.plan import DATABASE, SERVERS
+from benchmarks.chaos.plan import DATABASE, SERVERS, WORKERS
 from benchmarks.chaos.requests import TOLERANCE_M
 from benchmarks.chaos.streams import TOLERANCES_M
 
-__all__ = ["Check", "Found", "check_answers", "check_files", "check_jobs", "check_measured", "check_memory",
-           "check_numbers", "check_streams", "check_versions", "recoveries"]  # fmt: skip
+__all__ = [
+    "Check", "Found", "check_answers", "check_files", "check_jobs", "check_log", "check_measured", "check_memory",
+    "check_numbers", "check_streams", "check_versions", "recoveries",
+]  # fmt: skip
 
 WINDOW_S = {"server": 10.0, "database": 15.0}
 """Time after the end of a fault in which requests may fail, seconds; a fault of a worker allows no failure."""
@@ -24,13 +27,16 @@ UNAVAILABLE = {"503 not_ready", "503 overloaded", "503 store_unavailable"}
 
 FLAT = 1.1
 """Largest ratio of memory late in the run to memory early in it."""
-AGE_S = (8.0, 60.0)
+AGE_S = (8.0, 120.0)
 """Ages between which processes are compared, seconds: loaded, and alike whichever fault ends them."""
 EARLY, LATE = (0.2, 0.5), (0.7, 1.0)
 """Shares of the run."""
 LEAST_SAMPLES = 3
-MORE_FILES = {"parent": 2, "server": 8}
-"""Allowed number of open files beyond those of an idle server: connections of the database are opened on demand."""
+MORE_FILES = 8
+"""Allowed number of open files beyond those of an idle process and one for each new verb, without files of metrics:
+connections to the database are opened on demand."""
+EXPECTED_CODES = (-9, 0)
+"""Exit codes of processes that are killed and stopped."""
 SHOWN = 8
 
 
@@ -170,6 +176,8 @@ def check_streams(ledger: Ledger, streams: int, alive: int) -> Check:
     last = [max(rows) for _, rows in recoveries(ledger.faults, ledger.outages) if rows]
     resumed = sum(row.resumed for row in ledger.outages)
     fact = f"{alive} of {streams} have frames at the end; {len(ledger.outages)} outages, {resumed} resumed"
+    if ledger.down:
+        fact += f"; no server ran {len(ledger.down)} times, at most for {max(b - a for a, b in ledger.down):.0f} s"
     if each:
         fact += (
             f"; fault to frame of a stream p50 {median(each):.2f} s, max {max(each):.2f} s; "
@@ -189,7 +197,7 @@ def _windows(faults: Iterable[Happened]) -> list[tuple[float, float]]:
 
 def check_answers(ledger: Ledger) -> Check:
     """Requests fail in expected ways only, and only while or shortly after servers or the database were away."""
-    spans = _windows(ledger.faults)
+    spans = _windows(ledger.faults) + [(began_s, ended_s + WINDOW_S["server"]) for began_s, ended_s in ledger.down]
     wrong = []
     for row in ledger.answers:
         known = row.problem in TRANSPORT | UNAVAILABLE
@@ -235,12 +243,50 @@ def check_memory(ledger: Ledger, seconds: float) -> Check:
     return Check.of("memory", "; ".join(facts), wrong)
 
 
-def check_files(before: Mapping[str, int], after: Mapping[str, int], left: Iterable[str]) -> Check:
-    """Open files are those of an idle server again, and no file is left over after the collection."""
-    wrong = [
-        f"{kind} has {after[kind]} open files; idle it had {before[kind]}"
-        for kind in before
-        if after[kind] > before[kind] + MORE_FILES[kind]
-    ]
+def check_log(ledger: Ledger, lines: Iterable[str]) -> Check:
+    """No process ended except by a fault, and nothing is logged as an error."""
+    struck = {"server": SERVERS, "worker": WORKERS}
+    most = {kind: sum(len(row.pids) for row in ledger.faults if row.fault.kind in of) for kind, of in struck.items()}
+    wrong, ends = [], Counter[str]()
+    for line in lines:
+        if "Traceback" in line:
+            wrong.append("a traceback")
+        if not line.startswith("{"):
+            continue
+        row = json.loads(line)
+        event = str(row.get("event", ""))
+        if "died" in event:
+            ends[event.split(" ", maxsplit=1)[0]] += 1
+            if row.get("code") not in EXPECTED_CODES:
+                wrong.append(f"{event}: code {row.get('code')}")
+        elif row.get("level") in ("error", "critical"):
+            wrong.append(f"error {line[:400]}")
+    wrong += [f"{ends[kind]} times a {kind} ended, {most[kind]} by faults" for kind in most if ends[kind] > most[kind]]
+    fact = ", ".join(f"{kind} ended and started again {count} times" for kind, count in sorted(ends.items()))
+    return Check.of("log", fact or "no process ended", wrong)
+
+
+def check_files(
+    before: Mapping[str, list[str]], after: Mapping[str, list[str]], left: Iterable[str], *, verbs: int
+) -> Check:
+    """Open files are those of an idle server again, and no file is left over after the collection.
+
+    Parameters
+    ----------
+    before, after : mapping of str to list of str
+        What the open files of each kind of process refer to.
+    left : iterable of str
+        Files that nothing refers to.
+    verbs : int
+        Number of verbs that are served; each has one open file.
+    """
+    wrong, facts = [], []
+    for kind, idle in before.items():
+        own = Counter(name for name in after[kind] if not name.startswith("adverb-metrics-"))
+        facts.append(f"{kind} {len(idle)} → {sum(own.values())} open")
+        more = own - Counter(idle)
+        new = max(verbs - idle.count("artifacts"), 0)
+        if sum(more.values()) > MORE_FILES + new or more["artifacts"] > new + 1:
+            wrong.append(f"{kind} has more open files than idle: {dict(more)}")
     wrong += [f"left over: {name}" for name in left]
-    return Check.of("files", ", ".join(f"{kind} {before[kind]} → {after[kind]} open" for kind in before), wrong)
+    return Check.of("files", ", ".join(facts) + "; nothing is left over" * (not wrong), wrong)

@@ -13,7 +13,7 @@ from service.store.backup import backup, restore
 from service.store.drafts import Content
 from service.store.store import ArtifactMissing, Store, UnknownVerb
 from tests.service.faults.recorder import recording, restored
-from tests.service.store.postgres import memory
+from tools.postgres import memory
 
 BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
 HOUR_S = 3600.0

@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 from adverb_client import (
+    CommandRejected,
     ConnectionLost,
     ConnectionRestored,
     ServerDraining,
@@ -83,6 +84,34 @@ async def test_channels_are_reopened_after_a_restarted_server_is_ready(stream, f
     await until(lambda: stream.stats.messages > count + 3)
     assert channel.error is None
     assert len(fake.received("open")) == 4
+
+
+async def test_settings_of_a_channel_that_waits_for_a_restarted_server_are_no_error(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    fake.forget()
+    fake.not_ready = 1
+    await fake.drop()
+    await until(lambda: channel.error is not None)
+    channel.set(adverbs={"x": 0.75})
+    await until(lambda: fake.received("set"))
+    count = stream.stats.messages
+    await until(lambda: stream.stats.messages > count + 3)
+    assert fake.received("open")[-1]["adverbs"]["x"] == 0.75
+    assert not [event for event in stream.take_events() if isinstance(event, CommandRejected)]
+
+
+async def test_the_error_of_an_earlier_setting_is_no_answer_to_open(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    fake.forget()
+    fake.not_ready = 1
+    await fake.drop()
+    await until(lambda: channel.error is not None)
+    channel.set(adverbs={"x": 0.75})
+    await stream.close_channel(channel)
+    again = await stream.open("reach", number=channel.number, adverbs=AT)
+    count = stream.stats.messages
+    await until(lambda: stream.stats.messages > count + 3)
+    assert again.opened is not None
 
 
 async def test_an_open_during_a_connection_loss_succeeds(stream, fake):

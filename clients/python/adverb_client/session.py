@@ -13,7 +13,7 @@ from typing import Any
 
 from adverb_client.channel import Channel
 from adverb_client.clock import Clock, Lateness
-from adverb_client.errors import AdverbError, DecodeError, NotReady, UnknownChannel, UnknownSession
+from adverb_client.errors import AdverbError, ChannelInUse, DecodeError, NotReady, UnknownChannel, UnknownSession
 from adverb_client.messages import (
     BudgetReport,
     ChannelOpened,
@@ -295,6 +295,8 @@ class Session:
         channel = rejected.channel
         if isinstance(rejected.error, UnknownChannel) and channel in self.channels and channel not in self._layouts:
             return  # a setting after an `open` that was not ready; the next `open` has it
+        if isinstance(rejected.error, ChannelInUse) and channel in self._layouts and channel not in self.pending:
+            return  # an `open` was repeated, and the one before was answered
         if channel is None and len(self.pending) == 1 and rejected.error.code == "bad_message":
             channel = next(iter(self.pending))  # there is no other request
         if channel is not None and channel in self.pending:

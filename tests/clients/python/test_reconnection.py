@@ -114,6 +114,14 @@ async def test_the_error_of_an_earlier_setting_is_no_answer_to_open(stream, fake
     assert again.opened is not None
 
 
+async def test_a_repeated_open_of_an_open_channel_is_no_event(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    stream._outbox.put(None, channel.open_message())  # as a reconnection and a request that waits may do
+    await until(lambda: len(fake.received("open")) == 2)
+    await stream.ping()
+    assert not [event for event in stream.take_events() if isinstance(event, CommandRejected)]
+
+
 async def test_an_open_during_a_connection_loss_succeeds(stream, fake):
     await stream.open("reach", adverbs=AT)
     fake.mute.add("open")

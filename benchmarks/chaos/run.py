@@ -19,6 +19,7 @@ from benchmarks.chaos.plan import CUT, NETWORK, OWN, Fault, Plan
 from benchmarks.chaos.requests import Cutter, Requester
 from benchmarks.chaos.streams import Watched
 from benchmarks.chaos.verdict import (
+    MORE_FILES,
     Check,
     check_answers,
     check_files,
@@ -36,11 +37,11 @@ __all__ = ["run"]
 REQUESTERS, CUTTERS = 6, 2
 SAMPLE_S, TELL_S = 2.0, 30.0
 RECOVERY_S = (20.0, 180.0)
-"""Shortest and longest time after the run in which everything recovers without faults, seconds."""
+"""Shortest and longest time after the run in which everything recovers without faults, seconds; less in a short run."""
 FRESH_S = 5.0
 """A stream that has recovered has a frame that is not older, seconds."""
 CLOSED_S = 20.0
-"""Time after the last client has left in which servers close their files: the grace time of sessions, and some."""
+"""Longest time after the last client has left in which servers close their sockets, seconds."""
 _CHECKED = ("reach", "punch", "kick")
 
 
@@ -140,7 +141,7 @@ class Run:
 
     async def _recover(self) -> int:
         """Wait until all streams have frames and all refinements have ended; the number of streams with frames."""
-        began_s = self.ledger.now_s()
+        began_s, shortest_s = self.ledger.now_s(), min(RECOVERY_S[0], 0.3 * self.plan.seconds)
         before = await asyncio.to_thread(job_states, self.cluster, self.ledger)
         while True:
             passed_s = self.ledger.now_s() - began_s
@@ -148,7 +149,7 @@ class Run:
             self.moving |= {id for id, row in states.items() if id in before and row[1] > before[id][1]}
             alive = sum(stream.alive(FRESH_S) for stream in self.streams)
             done = alive == len(self.streams) and all(state in ENDED for state, _ in states.values())
-            if passed_s > RECOVERY_S[0] and (done or passed_s > RECOVERY_S[1]):
+            if passed_s > shortest_s and (done or passed_s > RECOVERY_S[1]):
                 say(f"{self.ledger.now_s():7.1f} s  recovered: {alive} streams with frames")
                 return alive
             await asyncio.sleep(1.0)
@@ -156,7 +157,8 @@ class Run:
     async def _close(self) -> None:
         """Wait until the servers have closed the files of clients that left."""
         end_s = self.ledger.now_s() + CLOSED_S
-        while self.ledger.now_s() < end_s and len(self.cluster.files()["server"]) > len(self.files["server"]):  # noqa: ASYNC110
+        most = self.files["server"].count("socket:") + MORE_FILES
+        while self.ledger.now_s() < end_s and self.cluster.files()["server"].count("socket:") > most:  # noqa: ASYNC110
             await asyncio.sleep(0.5)
 
     def checks(self, alive: int) -> list[Check]:

@@ -115,7 +115,6 @@ class Watched:
                 f"{missing} not counted; {' | '.join(self._events)}"
             )
         self.frames, self.last_frame_s = self.frames + 1, self.ledger.now_s()
-        self._stalled = False
         if self._lost_s is not None and self.stream.live:
             self.ledger.outages.append(Outage(self.number, self._lost_s, self.last_frame_s, self._resumed))
             self._lost_s = None
@@ -205,8 +204,8 @@ class Watched:
             else:
                 since_s = min(since_s, seen_s)
         since_s = max(since_s, self.ledger.last_down_s)
-        if now_s - since_s > STALL_S and not self._stalled:
-            self._stalled = True
+        stalled, self._stalled = self._stalled, now_s - since_s > STALL_S
+        if self._stalled and not stalled:
             self.ledger.stalls.append(Stall(self.number, now_s, (self._story(), *self._events)))
 
     def _check(self, number: int, record: Record) -> None:

@@ -14,7 +14,7 @@ from benchmarks.chaos.requests import TOLERANCE_M
 from benchmarks.chaos.streams import TOLERANCES_M
 
 __all__ = [
-    "Check", "Found", "check_answers", "check_files", "check_jobs", "check_log", "check_measured", "check_memory",
+    "MORE_FILES", "Check", "Found", "check_answers", "check_files", "check_jobs", "check_log", "check_measured", "check_memory",
     "check_numbers", "check_streams", "check_versions", "recoveries",
 ]  # fmt: skip
 
@@ -249,9 +249,8 @@ def check_log(ledger: Ledger, lines: Iterable[str]) -> Check:
     most = {kind: sum(len(row.pids) for row in ledger.faults if row.fault.kind in of) for kind, of in struck.items()}
     wrong, ends = [], Counter[str]()
     for line in lines:
-        if "Traceback" in line:
-            wrong.append("a traceback")
         if not line.startswith("{"):
+            wrong += ["a traceback outside of a record"] * ("Traceback" in line)
             continue
         row = json.loads(line)
         event = str(row.get("event", ""))

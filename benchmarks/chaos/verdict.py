@@ -14,8 +14,8 @@ from benchmarks.chaos.requests import TOLERANCE_M
 from benchmarks.chaos.streams import TOLERANCES_M
 
 __all__ = [
-    "MORE_FILES", "Check", "Found", "check_answers", "check_files", "check_jobs", "check_log", "check_measured", "check_memory",
-    "check_numbers", "check_streams", "check_versions", "recoveries",
+    "MORE_FILES", "Check", "Found", "check_answers", "check_files", "check_jobs", "check_log", "check_measured",
+    "check_memory", "check_numbers", "check_streams", "check_versions", "recoveries",
 ]  # fmt: skip
 
 WINDOW_S = {"server": 10.0, "database": 15.0}

@@ -17,7 +17,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-idle bench-encodings bench-scaling bench-refine bench chaos fuzz try-image audit sbom licences clean
+.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-idle bench-encodings bench-scaling bench-refine bench chaos reliability fuzz try-image audit sbom licences clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -135,6 +135,9 @@ bench: setup  ## measure speed; prints ratios in one run
 
 chaos: setup $(WARM)  ## ten minutes of faults under load, or with C=… options of python -m benchmarks.chaos
 	@$(BIN)/python -m benchmarks.chaos $(C)
+
+reliability: setup $(PAGE) $(WARM)  ## run the tests of docs/reliability.md and rewrite its figures
+	@$(BIN)/python -m tools.reliability
 
 SUPPLY := .cache/supply
 

@@ -85,7 +85,7 @@ class Script:
         return path
 
 
-def test_no_power_failure_damages_a_store_or_takes_back_what_it_answered(root):
+def test_no_power_failure_damages_a_store_or_takes_back_what_it_answered(root, record_property):
     data, files = root / "data", root / "files"
     data.mkdir()
     files.mkdir()
@@ -104,6 +104,7 @@ def test_no_power_failure_damages_a_store_or_takes_back_what_it_answered(root):
             except (AssertionError, ArtifactMissing) as err:
                 raise AssertionError(f"after a power failure at moment {number}, {moment.label}: {err}") from err
     assert count > 100
+    record_property("power failures replayed", count)
 
 
 def run(script):

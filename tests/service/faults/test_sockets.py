@@ -55,7 +55,7 @@ def dialling(port: int, count: int):
             process.kill()
 
 
-def test_thousands_of_half_open_sockets_are_closed_and_disturb_no_request(start):
+def test_thousands_of_half_open_sockets_are_closed_and_disturb_no_request(start, record_property):
     running = start(ADVERB_REQUEST_S="3").wait()
     assert posed(running) == 200
     (server,) = children(running.process.pid, "adverb-server")
@@ -70,6 +70,7 @@ def test_thousands_of_half_open_sockets_are_closed_and_disturb_no_request(start)
         assert process.wait(LONGEST_S) == 0
     until(lambda: files_of(server) <= before)
     assert posed(running) == 200
+    record_property("half-open sockets", HALF_OPEN)
 
 
 def few_files() -> None:

@@ -295,8 +295,10 @@ class Session:
         channel = rejected.channel
         if isinstance(rejected.error, UnknownChannel) and channel in self.channels and channel not in self._layouts:
             return  # a setting after an `open` that was not ready; the next `open` has it
-        if isinstance(rejected.error, ChannelInUse) and channel in self._layouts and channel not in self.pending:
-            return  # an `open` was repeated, and the one before was answered
+        if isinstance(rejected.error, ChannelInUse) and channel in self.channels and self.channels[channel].opened:
+            if self.channels[channel].switch is None:
+                self._answer(channel, None)  # an `open` was repeated, and the one before was answered
+            return
         if channel is None and len(self.pending) == 1 and rejected.error.code == "bad_message":
             channel = next(iter(self.pending))  # there is no other request
         if channel is not None and channel in self.pending:

@@ -122,6 +122,16 @@ async def test_a_repeated_open_of_an_open_channel_is_no_event(stream, fake):
     assert not [event for event in stream.take_events() if isinstance(event, CommandRejected)]
 
 
+async def test_an_open_that_another_one_has_overtaken_succeeds(stream, fake):
+    fake.not_ready = 1
+    opening = asyncio.create_task(stream.open("reach", number=3, adverbs=AT))
+    await until(lambda: fake.received("open") and not stream._session.pending)  # rejected, and repeated after a pause
+    stream._outbox.put(None, stream.channels[3].open_message())
+    await until(lambda: stream.channels[3].opened is not None)
+    assert (await opening).number == 3
+    assert len(fake.received("open")) == 3
+
+
 async def test_an_open_during_a_connection_loss_succeeds(stream, fake):
     await stream.open("reach", adverbs=AT)
     fake.mute.add("open")

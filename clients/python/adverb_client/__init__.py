@@ -8,6 +8,7 @@ quaternions x, y, z, w.
 from adverb_client import errors
 from adverb_client.api import PoseOptions
 from adverb_client.async_client import AsyncClient
+from adverb_client.authoring_models import Access, Change, Draft, DraftSummary, Refinement, Version
 from adverb_client.backoff import Backoff
 from adverb_client.channel import Channel
 from adverb_client.client import Client
@@ -48,11 +49,13 @@ from adverb_client.sync_stream import SyncStream
 from adverb_client.wire import Layout, PoseMessage, Record, decode_message, encode_adverbs, encode_bulk_adverbs
 
 __all__ = [
+    "Access",
     "Adverb",
     "AdverbError",
     "AsyncClient",
     "Backoff",
     "BudgetReport",
+    "Change",
     "Channel",
     "ChannelOpened",
     "Client",
@@ -62,6 +65,8 @@ __all__ = [
     "ConnectionRestored",
     "DecodeError",
     "Delays",
+    "Draft",
+    "DraftSummary",
     "Example",
     "Health",
     "Hello",
@@ -77,6 +82,7 @@ __all__ = [
     "PoseOptions",
     "Poses",
     "Record",
+    "Refinement",
     "ResponseError",
     "Sample",
     "Sequence",
@@ -93,6 +99,7 @@ __all__ = [
     "TransportError",
     "Verb",
     "VerbSummary",
+    "Version",
     "VersionChanged",
     "decode_message",
     "encode_adverbs",

@@ -19,7 +19,19 @@ from adverb_client.errors import DecodeError, FieldError, ResponseError, error_c
 from adverb_client.records import joint_count, parse_records
 from adverb_client.skeleton import Space
 
-__all__ = ["Adverbs", "Api", "Crowd", "Operation", "PoseOptions", "Request", "Response", "Track", "error_of"]
+__all__ = [
+    "Adverbs",
+    "Api",
+    "Crowd",
+    "Operation",
+    "PoseOptions",
+    "Request",
+    "Response",
+    "Track",
+    "error_of",
+    "path_of",
+    "send",
+]
 
 JSON, OCTETS, BVH, PROBLEM = "application/json", "application/octet-stream", "text/x-bvh", "application/problem+json"
 
@@ -68,9 +80,13 @@ class PoseOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One HTTP request; ``retry`` allows further attempts after status 429 or 503."""
+    """One HTTP request.
 
-    method: Literal["GET", "POST"]
+    ``retry`` allows further attempts after status 429 or 503; ``timeout_s`` replaces the client's where the server has
+    to compute for long.
+    """
+
+    method: Literal["GET", "POST", "PATCH", "DELETE"]
     path: str
     accept: str = JSON
     content: bytes = b""
@@ -78,6 +94,7 @@ class Request:
     query: tuple[tuple[str, str], ...] = ()
     headers: Mapping[str, str] = field(default_factory=dict)
     retry: bool = True
+    timeout_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +117,7 @@ class Api:
 
     def health(self) -> Operation[models.Health]:
         """Readiness of the server."""
-        return parsing.parse_json((yield from _send(Request("GET", "/readyz", retry=False))).content, parsing.health)
+        return parsing.parse_json((yield from send(Request("GET", "/readyz", retry=False))).content, parsing.health)
 
     def verbs(self) -> Operation[tuple[models.VerbSummary, ...]]:
         """The list of verbs."""
@@ -109,7 +126,7 @@ class Api:
     def verb(self, name: str) -> Operation[models.Verb]:
         """The description of a verb; an unchanged one is not transferred again."""
         tag, known = self._verbs.get(name, ("", None))
-        response = yield from _get(_path(name), {"if-none-match": tag} if tag else {})
+        response = yield from _get(path_of(name), {"if-none-match": tag} if tag else {})
         if response.status == 304 and known is not None:
             return known
         found = parsing.parse_json(response.content, parsing.verb)
@@ -131,7 +148,7 @@ class Api:
         given = {"phase": phase, "time": time_s, "max_error": max_error}
         body |= {name: float(number) for name, number in given.items() if number is not None}
         full = full or max_error is not None
-        response = yield from _post(_path(verb, "pose"), body, JSON if full else OCTETS)
+        response = yield from _post(path_of(verb, "pose"), body, JSON if full else OCTETS)
         if full:
             return parsing.parse_json(response.content, parsing.pose)
         return parsing.pose_of_records(verb, parse_records(response.content, joint_count(response.content, 1)))
@@ -154,7 +171,7 @@ class Api:
         if times_s is None and not body.get("weights"):
             content = np.column_stack([rows, at]).astype("<f4").tobytes()
             query = tuple((name, _text(one)) for name, value in body.items() for one in _listed(value))
-            response = yield from _send(Request("POST", _path(verb, "poses"), accept, content, OCTETS, query))
+            response = yield from send(Request("POST", path_of(verb, "poses"), accept, content, OCTETS, query))
         else:
             names = [adverb.name for adverb in (yield from self._known(verb)).adverbs]
             when, numbers = ("phase", at) if times_s is None else ("time", np.broadcast_to(times_s, len(rows)))
@@ -162,7 +179,7 @@ class Api:
                 {"adverbs": dict(zip(names, row, strict=True)), when: number}
                 for row, number in zip(rows.tolist(), numbers.tolist(), strict=True)
             ]
-            response = yield from _post(_path(verb, "poses"), body, accept)
+            response = yield from _post(path_of(verb, "poses"), body, accept)
         if full:
             return parsing.parse_json(response.content, parsing.poses)
         return parsing.poses_of_records(verb, parse_records(response.content, joint_count(response.content, len(rows))))
@@ -179,7 +196,7 @@ class Api:
         """A whole motion."""
         body, full = _body(options)
         body |= yield from self._motion(verb, adverbs, track, fps, cycles)
-        response = yield from _post(_path(verb, "sequence"), body, JSON if full else OCTETS)
+        response = yield from _post(path_of(verb, "sequence"), body, JSON if full else OCTETS)
         if full:
             return parsing.parse_json(response.content, parsing.sequence)
         joints = len(body["joints"]) if "joints" in body else (yield from self._joints(verb, response.content))
@@ -192,7 +209,7 @@ class Api:
         """A whole motion as a BVH file."""
         body, _ = _body(options)
         body |= yield from self._motion(verb, adverbs, track, fps, cycles)
-        response = yield from _post(_path(verb, "sequence"), body, BVH)
+        response = yield from _post(path_of(verb, "sequence"), body, BVH)
         try:
             return response.content.decode()
         except UnicodeDecodeError as err:
@@ -289,7 +306,8 @@ def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _path(verb: str, noun: str = "") -> str:
+def path_of(verb: str, noun: str = "") -> str:
+    """Path of a verb, or of something of it."""
     return f"/v1/verbs/{quote(verb, safe='')}" + (f"/{noun}" if noun else "")
 
 
@@ -308,7 +326,7 @@ def _body(options: PoseOptions) -> tuple[dict[str, Any], bool]:
 
 
 def _get(path: str, headers: Mapping[str, str] | None = None) -> Operation[Response]:
-    return (yield from _send(Request("GET", path, headers=headers or {})))
+    return (yield from send(Request("GET", path, headers=headers or {})))
 
 
 def _post(path: str, body: Mapping[str, Any], accept: str) -> Operation[Response]:
@@ -316,10 +334,11 @@ def _post(path: str, body: Mapping[str, Any], accept: str) -> Operation[Response
         content = json.dumps(body, allow_nan=False).encode()
     except ValueError as err:
         raise ValueError(f"adverbs, phases and times must be finite: {err}") from err
-    return (yield from _send(Request("POST", path, accept, content, JSON)))
+    return (yield from send(Request("POST", path, accept, content, JSON)))
 
 
-def _send(request: Request) -> Operation[Response]:
+def send(request: Request) -> Operation[Response]:
+    """Yield a request, and check its response; raises :class:`ResponseError`."""
     response = yield request
     if response.status >= 300 and response.status != 304:
         raise error_of(response)

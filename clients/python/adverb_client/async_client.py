@@ -12,6 +12,7 @@ import httpx
 
 from adverb_client import models
 from adverb_client.api import Adverbs, Crowd, Numbers, Operation, PoseOptions, Request, Response, Track
+from adverb_client.authoring_calls import AsyncAuthoringCalls
 from adverb_client.errors import TimedOut, TransportError, Unavailable
 from adverb_client.transport import POLL_S, BaseClient, auth_headers, httpx_request, response_of, transport_error
 
@@ -20,7 +21,7 @@ __all__ = ["AsyncClient"]
 T = TypeVar("T")
 
 
-class AsyncClient(BaseClient):
+class AsyncClient(AsyncAuthoringCalls, BaseClient):
     """Asynchronous REST client; parameters and results are those of :class:`Client`.
 
     Examples

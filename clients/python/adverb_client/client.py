@@ -11,6 +11,7 @@ import httpx
 
 from adverb_client import models
 from adverb_client.api import Adverbs, Crowd, Numbers, Operation, PoseOptions, Request, Response, Track
+from adverb_client.authoring_calls import AuthoringCalls
 from adverb_client.errors import TimedOut, TransportError, Unavailable
 from adverb_client.transport import POLL_S, BaseClient, auth_headers, httpx_request, response_of, transport_error
 
@@ -19,7 +20,7 @@ __all__ = ["Client"]
 T = TypeVar("T")
 
 
-class Client(BaseClient):
+class Client(AuthoringCalls, BaseClient):
     """Blocking REST client. It may be shared by threads, and is a context manager.
 
     Parameters

@@ -5,6 +5,7 @@ from __future__ import annotations
 import httpx
 
 from adverb_client.api import Api, Request, Response, error_of
+from adverb_client.authoring_api import AuthoringApi
 from adverb_client.backoff import Backoff
 from adverb_client.errors import TimedOut, TransportError
 
@@ -18,7 +19,7 @@ class BaseClient:
     """Base class of both REST clients: retry policy and API state."""
 
     def __init__(self, retries: int, max_wait_s: float) -> None:
-        self._api = Api()
+        self._api, self._authoring = Api(), AuthoringApi()
         self._retries, self._max_wait_s = retries, max_wait_s
 
     def _wait_s(self, request: Request, response: Response, backoff: Backoff) -> float | None:
@@ -45,7 +46,12 @@ def httpx_request(http: httpx.Client | httpx.AsyncClient, request: Request) -> h
     """The httpx request of a request."""
     query = httpx.QueryParams(request.query) if request.query else None
     return http.build_request(
-        request.method, request.path, content=request.content, headers=_request_headers(request), params=query
+        request.method,
+        request.path,
+        content=request.content,
+        headers=_request_headers(request),
+        params=query,
+        timeout=httpx.USE_CLIENT_DEFAULT if request.timeout_s is None else request.timeout_s,
     )
 
 

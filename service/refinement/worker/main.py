@@ -39,7 +39,7 @@ CALM_S = 5.0
 """Pause of recovery after a lost connection, seconds: other workers may have lost their locks as well."""
 
 ADOPT_S, REMOVE_OLD_S = 10.0, 3_600.0
-"""Intervals of queueing lost jobs and of removing old ones, seconds."""
+"""Intervals of queueing lost and dropped jobs and of removing old ones, seconds."""
 
 log = structlog.get_logger("adverb.worker")
 
@@ -126,12 +126,16 @@ class Worker:
         dbos_setup.prepare(database_url)
         self._locks, self._client = locks_of(database_url), dbos_setup.connect(database_url)
         self._reaper = Reaper(
-            self._store, self._client, self._locks, executor_id, artifacts=artifacts, cache=cache
-        )  # fmt: skip
+            *(self._store, self._client, self._locks, executor_id),
+            artifacts=artifacts,
+            cache=cache,
+            running=self._steps.running,
+        )
         self._lock: Lock | None = None
         self._tasks = (
             ("reap", self._reaper.reap, 0.0),
             ("adopt", self._reaper.adopt, ADOPT_S),
+            ("requeue_dropped", self._reaper.requeue_dropped, ADOPT_S),
             ("remove_old", self._reaper.remove_old, REMOVE_OLD_S),
         )
         self._due = {name: 0.0 for name, _, _ in self._tasks}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -51,6 +51,8 @@ class Reaper:
         Name of this worker.
     artifacts : str
     cache : Path, optional
+    running : collection of str
+        Jobs that this process runs now.
     clock : callable
         Seconds since 1970, UTC.
     """
@@ -64,10 +66,12 @@ class Reaper:
         *,
         artifacts: str,
         cache: Path | None = None,
+        running: Collection[str] = (),
         clock: Callable[[], float] = time.time,
     ) -> None:
         self._store, self._client, self._locks, self.executor_id = store, client, locks, executor_id
-        self._artifacts, self._cache, self._clock = artifacts, cache, clock
+        self._artifacts, self._cache, self._running, self._clock = artifacts, cache, running, clock
+        self._dropped: set[str] = set()  # own jobs that did not run at the last check
 
     def reap(self) -> list[str]:
         """Take over the jobs of dead workers; returns their ids. Called every second."""
@@ -112,6 +116,20 @@ class Reaper:
         for job in jobs:
             self._client.resume_workflow(job, queue_name=dbos_setup.QUEUE)
         return jobs
+
+    def requeue_dropped(self) -> list[str]:
+        """Put jobs back into the queue that this worker took and does not run; returns their ids.
+
+        The queue drops a job whose start it cannot record while the database is away, and leaves it to this worker. A
+        job that has just been taken does not run yet, so it has to be found by two calls, some seconds apart.
+        """
+        own = {status.workflow_id for status in self._pending(self.executor_id)}
+        dropped = own - set(self._running)
+        again, self._dropped = sorted(dropped & self._dropped), dropped
+        for job in again:
+            log.warning("dropped job queued again", job=job, executor=self.executor_id)
+            self._client.resume_workflow(job, queue_name=dbos_setup.QUEUE)
+        return again
 
     def adopt(self) -> list[str]:
         """Queue or end unfinished jobs that are not in the queue; returns their ids.

@@ -86,16 +86,20 @@ class JobSteps:
     ) -> None:
         self.store, self.artifacts, self.cache, self.step_s = store, artifacts, cache, step_s
         self.stopping = threading.Event()
+        self.running: set[str] = set()  # jobs that this process runs
         self._step = step
         self._loaded = lru_cache(maxsize=4)(artifact.load)  # the path of a blob is unique to its bytes
 
     def run(self, job: str) -> State:
         """Run all steps of a job in order; returns its final state."""
+        self.running.add(job)
         try:
             return self._run(job)
         except Exception as err:  # any failure ends the job, with its reason in the detail
             log.error("job failed", job=job, exc_info=err)
             return self._step("close", self.close, job, "failed", _problem(err))
+        finally:
+            self.running.discard(job)
 
     def _run(self, job: str) -> State:
         state = self._step("begin", self.begin, job)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 
 import pytest
@@ -24,6 +26,7 @@ class QueueFixture:
     queue: Refinements
     client: object
     reaper: Reaper
+    running: set[str]
     now_s: float
 
     def statuses(self) -> dict[str, str]:
@@ -37,8 +40,10 @@ def jobs(fixture: JobFixture) -> Iterator[QueueFixture]:
     dbos_setup.prepare(url)
     client, locks = dbos_setup.connect(url), locks_of(url)
     artifacts = str(fixture.folder / "verbs")
-    reaper = Reaper(fixture.store, client, locks, "me", artifacts=artifacts, clock=lambda: found.now_s)
-    found = QueueFixture(fixture.store, Refinements(url, fixture.store), client, reaper, 1e10)
+    running: set[str] = set()
+    options = {"artifacts": artifacts, "running": running, "clock": lambda: found.now_s}
+    reaper = Reaper(fixture.store, client, locks, "me", **options)
+    found = QueueFixture(fixture.store, Refinements(url, fixture.store), client, reaper, running, 1e10)
     yield found
     found.queue.close()
     client.destroy()
@@ -121,6 +126,23 @@ def test_job_that_failed_while_the_store_was_away_is_marked(jobs: QueueFixture):
     jobs.client.cancel_workflow(job.id)
     assert jobs.reaper.adopt() == [job.id]
     assert jobs.queue.job(job.id).state == "failed"
+
+
+def test_job_that_the_queue_dropped_is_queued_again(jobs: QueueFixture, fixture: JobFixture):
+    job = jobs.queue.start("arm3", None, {}, "me")
+    with closing(sqlite3.connect(fixture.folder / "jobs.db")) as database:  # taken by this worker, and not started
+        database.execute("UPDATE workflow_status SET status = 'PENDING', executor_id = 'me'")
+        database.commit()
+    assert jobs.reaper.requeue_dropped() == []  # it may be about to start
+    jobs.running.add(job.id)
+    assert jobs.reaper.requeue_dropped() == []
+    jobs.running.clear()
+    assert jobs.reaper.requeue_dropped() == []
+    assert jobs.statuses() == {job.id: "PENDING"}
+    assert jobs.reaper.requeue_dropped() == [job.id]
+    assert jobs.statuses() == {job.id: "ENQUEUED"}
+    assert jobs.reaper.requeue_dropped() == []
+    assert jobs.queue.job(job.id).reaps == 0
 
 
 def test_steps_of_old_jobs_are_removed(jobs: QueueFixture):

@@ -8,6 +8,7 @@ import io
 import random
 import re
 import zipfile
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -124,7 +125,9 @@ class Author:
             self.ledger.failed(began_s, what, response_problem(response))
             return None
         self.ledger.done[what.split(" of ", maxsplit=1)[0]] += 1
-        self._port = response.extensions["network_stream"].get_extra_info("client_addr")
+        self._port = None
+        with suppress(ValueError):  # the server has closed the connection meanwhile
+            self._port = response.extensions["network_stream"].get_extra_info("client_addr")
         return response
 
     async def _upload(self, http: httpx.AsyncClient, verb: str, kind: str, headers: dict[str, str]) -> None:

@@ -42,6 +42,8 @@ FRESH_S = 5.0
 """A stream that has recovered has a frame that is not older, seconds."""
 CLOSED_S = 20.0
 """Longest time after the last client has left in which servers close their sockets, seconds."""
+SHOWN = 3
+"""Largest number of problems that are shown each time."""
 _CHECKED = ("reach", "punch", "kick")
 
 
@@ -127,7 +129,7 @@ class Run:
 
     async def _watch(self) -> None:
         """Sample processes and print progress until cancelled."""
-        told_s = 0.0
+        told_s, told = 0.0, 0
         while True:
             await asyncio.to_thread(self.cluster.sample, self.ledger)
             if self.ledger.now_s() - told_s > TELL_S:
@@ -137,6 +139,9 @@ class Run:
                     f"{told_s:7.1f} s  {live} streams with frames, {ledger.messages} messages, "
                     f"{len(ledger.versions)} versions, {len(ledger.jobs)} refinements, {len(ledger.wrong)} wrong"
                 )
+                for problem in ledger.wrong[told : told + SHOWN]:
+                    say(f"           wrong: {problem[:400]}")
+                told = len(ledger.wrong)
             await asyncio.sleep(SAMPLE_S)
 
     async def _recover(self) -> int:

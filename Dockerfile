@@ -4,6 +4,7 @@ FROM node:22-slim AS dashboard
 WORKDIR /src/clients/dashboard
 COPY clients/dashboard/package.json clients/dashboard/package-lock.json ./
 RUN npm ci
+COPY clients/typescript /src/clients/typescript
 COPY clients/dashboard ./
 RUN npm run build
 

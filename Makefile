@@ -7,17 +7,18 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 # The page is built where npm is, and only when its sources are newer.
 DASHBOARD := clients/dashboard
+TYPESCRIPT := clients/typescript
 STATIC := service/static/index.html
 HAS_NPM := $(shell command -v npm 2>/dev/null)
 PAGE := $(if $(HAS_NPM),$(STATIC),no-dashboard)
 DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.json package-lock.json vite.config.ts)) \
-	$(shell find $(DASHBOARD)/src -type f 2>/dev/null)
+	$(shell find $(DASHBOARD)/src $(TYPESCRIPT)/src -type f 2>/dev/null)
 
 # A kernel is compiled once, and again where it or one that it calls changed; see verbs/kernels/compile.py.
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard test check lint types lock generate load bench-streams bench-crowd bench-idle bench-encodings bench-scaling bench-refine bench chaos reliability fuzz try-image audit sbom licences clean
+.PHONY: help setup serve dashboard dist test check lint types lock generate load bench-streams bench-crowd bench-idle bench-encodings bench-scaling bench-refine bench chaos reliability fuzz try-image audit sbom licences clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -60,18 +61,31 @@ no-dashboard:
 	@test -e $(STATIC) || echo "serve: without the dashboard; where npm is, \`make dashboard\` builds it"
 endif
 
-$(DASHBOARD)/node_modules: $(DASHBOARD)/package-lock.json
-	@echo "setup: installing the locked packages of the dashboard (once; later runs work offline)"
-	@npm --prefix $(DASHBOARD) ci --silent --no-audit --no-fund
+%/node_modules: %/package-lock.json
+	@echo "setup: installing the locked packages of $* (once; later runs work offline)"
+	@npm --prefix $* ci --silent --no-audit --no-fund
 	@touch $@
 
+$(TYPESCRIPT)/dist: $(TYPESCRIPT)/node_modules $(shell find $(TYPESCRIPT)/src -type f 2>/dev/null)
+	@npm --prefix $(TYPESCRIPT) run --silent build
+	@touch $@
+
+# Tests of the TypeScript client against a server run the built package.
+PACKAGE := $(if $(HAS_NPM),$(TYPESCRIPT)/dist)
+
+dist: setup $(PACKAGE)  ## build wheels and the npm package: dist
+	@mkdir -p dist
+	@$(BIN)/pip wheel -q --no-deps -w dist . ./clients/python
+	@$(if $(HAS_NPM),npm pack --silent --ignore-scripts --pack-destination dist ./$(TYPESCRIPT) >/dev/null,echo "dist: without npm, the npm package is left out")
+	@ls dist
+
 # All of it on two workers; of `make test T=…` what T names: files, folders or options of pytest (T="-k guard").
-test: setup $(PAGE) $(WARM)  ## run the whole test suite, or with T=… a part of it
+test: setup $(PAGE) $(PACKAGE) $(WARM)  ## run the whole test suite, or with T=… a part of it
 ifdef T
 	@$(BIN)/python -m pytest $(T)
 else
 	@$(BIN)/python -m pytest -n 2 --dist loadfile
-	@$(if $(HAS_NPM),npm --prefix $(DASHBOARD) test --silent,echo "test: without npm, the dashboard's own tests are left out")
+	@$(if $(HAS_NPM),npm --prefix $(TYPESCRIPT) test --silent && npm --prefix $(DASHBOARD) test --silent,echo "test: without npm, the tests of the page and the TypeScript client are left out")
 endif
 
 check: lint types  ## lint, types, and the tests that the change against the main branch touches
@@ -82,9 +96,9 @@ lint: setup  ## style, imports, architecture, lock files
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/lint-imports --no-cache
-	@! grep -n '://' requirements.lock requirements.runtime.lock requirements.supply.lock requirements.fuzz.lock $(DASHBOARD)/package-lock.json || \
+	@! grep -n '://' requirements.lock requirements.runtime.lock requirements.supply.lock requirements.fuzz.lock $(DASHBOARD)/package-lock.json $(TYPESCRIPT)/package-lock.json || \
 		(echo "lock files must name no address" && false)
-	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent lint,echo "lint: without npm, the dashboard is left out")
+	@$(if $(HAS_NPM),$(MAKE) -s $(TYPESCRIPT)/node_modules $(DASHBOARD)/node_modules && npm --prefix $(TYPESCRIPT) run --silent lint && npm --prefix $(DASHBOARD) run --silent lint,echo "lint: without npm, the page and the TypeScript client are left out")
 
 types: setup  ## mypy --strict
 	@$(BIN)/mypy
@@ -95,12 +109,12 @@ lock: setup  ## resolve the newest allowed versions into the lock files
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group supply -o requirements.supply.lock
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group fuzz -o requirements.fuzz.lock
 
-generate: setup  ## rewrite generated files: openapi.json, the dashboard's types of it, built-in verbs
+generate: setup  ## rewrite generated files: openapi.json, the TypeScript client's types of it, built-in verbs
 	@$(BIN)/python -m tools.authoring
 	@$(BIN)/python -m tools.authoring.build
 	@$(BIN)/python -m tools.openapi
 	@$(BIN)/python -m tools.settings_table
-	@$(if $(HAS_NPM),$(MAKE) -s $(DASHBOARD)/node_modules && npm --prefix $(DASHBOARD) run --silent types)
+	@$(if $(HAS_NPM),$(MAKE) -s $(TYPESCRIPT)/node_modules && npm --prefix $(TYPESCRIPT) run --silent types)
 
 load: setup  ## ask a local server for poses and sequences for 20 s (Locust), and print what it answered
 	@$(BIN)/python clients/load/rest.py --serve --seconds 20
@@ -163,4 +177,4 @@ try-image: setup  ## build the image and start docker-compose.yml's containers, 
 	@$(BIN)/python -m deploy.try_image $(T)
 
 clean:  ## remove what make made
-	rm -rf $(VENV) .cache build dist service/static $(DASHBOARD)/node_modules
+	rm -rf $(VENV) .cache build dist service/static $(TYPESCRIPT)/dist $(TYPESCRIPT)/node_modules $(DASHBOARD)/node_modules

@@ -1,4 +1,4 @@
-"""Known vulnerabilities of the locked packages: pip-audit for Python, npm audit for the dashboard.
+"""Known vulnerabilities of the locked packages: pip-audit for Python, npm audit for the page and the TypeScript client.
 
 ``python -m tools.audit PIP_AUDIT`` with the path of pip-audit. Exit code 0: nothing is known; 1: something is; 2: an
 advisory service did not answer, so nothing is known about some packages.
@@ -18,7 +18,7 @@ __all__ = ["Unreachable", "npm_findings", "python_findings"]
 
 PROJECT = Path(__file__).parents[1]
 LOCKS = ("requirements.runtime.lock", "requirements.lock")
-DASHBOARD = PROJECT / "clients" / "dashboard"
+NPM = ("dashboard", "typescript")
 
 
 class Unreachable(Exception):
@@ -62,7 +62,10 @@ def main(pip_audit: str) -> int:
     if npm is None:
         print("package-lock.json: not audited, npm is not here")
         return max(code, 2)
-    return max(code, _audited("package-lock.json", npm_findings, [npm, "audit", "--json"], DASHBOARD))
+    for client in NPM:
+        lock, folder = f"{client}/package-lock.json", PROJECT / "clients" / client
+        code = max(code, _audited(lock, npm_findings, [npm, "audit", "--json"], folder))
+    return code
 
 
 def _audited(name: str, findings: Any, command: list[str], folder: Path) -> int:

@@ -1,9 +1,12 @@
+import { fileURLToPath } from "node:url";
 import { defineConfig } from "vitest/config";
 
 // `npm run dev` asks a running server for everything but the page's own files.
 const server = process.env.ADVERB_ADDRESS ?? "http://127.0.0.1:8000";
 
 export default defineConfig({
+  // The client is part of this repository; the page bundles its sources.
+  resolve: { alias: { "adverb-client": fileURLToPath(new URL("../typescript/src/index.ts", import.meta.url)) } },
   build: {
     outDir: "../../service/static",
     emptyOutDir: true,

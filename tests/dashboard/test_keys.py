@@ -16,7 +16,7 @@ PAGE_OF_CHANGES = 20
 REFUSED = ("401", "403", "WebSocket connection")
 """What a browser logs about refused requests."""
 
-STREAMS = "adverb.connection === 'open' && adverb.stats?.messages_per_s > 0"
+STREAMS = "adverb.connection === 'open' && adverb.stats?.messagesPerS > 0"
 
 
 @dataclass

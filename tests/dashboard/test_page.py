@@ -115,7 +115,7 @@ def test_the_worst_goals_of_a_refinement_are_played_before_and_after(page):
 def test_a_crowd_of_200_is_streamed_at_30_fps(page):
     page.open(verb="reach", crowd="200")
     page.until("adverb.shown.main?.count === 200")
-    page.until("adverb.stats?.messages_per_s >= 30 && adverb.stats.poses_per_s >= 30 * 200")
+    page.until("adverb.stats?.messagesPerS >= 30 && adverb.stats.posesPerS >= 30 * 200")
 
 
 def test_the_page_reconnects_to_a_restarted_server(page):

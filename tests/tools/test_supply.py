@@ -23,8 +23,9 @@ def test_every_locked_package_has_hashes_and_no_address(path):
     assert "://" not in text
 
 
-def test_every_package_of_the_page_has_a_hash_and_no_address():
-    text = (PROJECT / "clients" / "dashboard" / "package-lock.json").read_text("utf-8")
+@pytest.mark.parametrize("client", ["dashboard", "typescript"])
+def test_every_npm_package_has_a_hash_and_no_address(client):
+    text = (PROJECT / "clients" / client / "package-lock.json").read_text("utf-8")
     rows = {name: row for name, row in json.loads(text)["packages"].items() if name}
     assert rows
     assert all(row["integrity"].startswith("sha512-") for row in rows.values())

@@ -1,6 +1,6 @@
+import { ResponseError } from "adverb-client";
 import { afterAll, beforeAll, beforeEach, describe, expect, test, vi } from "vitest";
 import { Access, type Caller } from "./access/access";
-import { Problem } from "./api/request";
 import { Page } from "./app";
 import { createStore, DEFAULTS } from "./store";
 import type { Opened, Rest, Shown, Verb, VerbSummary, View } from "./types";
@@ -41,7 +41,7 @@ class FakePort implements Port {
   }
   picture(phase: number, name = "reach"): void {
     const shown: Shown = {
-      ...{ verb: name, version: 1, method: "corrected", phase, time_s: phase, duration_s: 1, error: 0 },
+      ...{ verb: name, version: 1, method: "corrected", phase, timeS: phase, durationS: 1, error: 0 },
       ...{ clamped: false, inTransition: false, root: [0, 0, 0], count: 1 },
     };
     this.notify({ kind: "pictures", pictures: { main: { shown, poses: new Float32Array(7) }, comparison: null } });
@@ -314,7 +314,7 @@ test("after too many requests the list of verbs is requested again after the sta
   Object.assign(page.rest, {
     verbs: async () => {
       requests++;
-      throw new Problem(429, "too_many_requests", "too many", [], 12_000);
+      throw new ResponseError(429, "too_many_requests", "too many", [], 12_000);
     },
   });
   page.start("ws://here/v1/stream"); // its first request fails

@@ -1,13 +1,12 @@
 /** State and behaviour of the page without its DOM: served verbs, requested view, displayed figures. */
 
+import type { Drawn, Motion, Seek } from "adverb-client";
+import { AdverbError, Emitter, retryMs } from "adverb-client";
 import type { Access } from "./access/access";
-import { retryMs } from "./api/request";
-import { Problem } from "./api/rest";
 import { VersionComparison } from "./comparison";
 import { crowdGoals } from "./crowd";
 import { DRIVEN_VERB, Drive } from "./drive/drive";
 import { axesOf } from "./drive/steering";
-import { Emitter } from "./emitter";
 import { PauseAtGoal } from "./pause_at_goal";
 import { same } from "./store";
 import type {
@@ -28,7 +27,6 @@ import type {
 import { adverbsByName, adverbValues, effectorPhase, followPhase } from "./verb";
 import { Walkers } from "./walkers";
 import { type Port, StreamClient, type StreamEvent } from "./wire/client";
-import type { Drawn, Motion, Seek } from "./wire/worker_messages";
 
 const DEFAULT_VERB = "reach";
 const RETRY_MS = 2000;
@@ -161,7 +159,7 @@ export class Page implements App {
       this.verbs = await this.rest.verbs();
     } catch (err) {
       // The connection state is shown by the overlay; only retry here.
-      if (err instanceof Problem && err.retryMs > 0) this.notify(err.detail);
+      if (err instanceof AdverbError && err.retryMs > 0) this.notify(err.detail);
       setTimeout(() => void this.reload(), retryMs(err, RETRY_MS));
       return;
     }
@@ -263,11 +261,11 @@ export class Page implements App {
       if (this.loading === name) this.show(verb);
     } catch (err) {
       if (this.loading !== name) return;
-      const offline = err instanceof Problem && err.status === 0;
-      const limited = err instanceof Problem && err.retryMs > 0;
+      const offline = err instanceof AdverbError && err.status === 0;
+      const limited = err instanceof AdverbError && err.retryMs > 0;
       if (offline || limited) setTimeout(() => this.loading === name && void this.load(), retryMs(err, RETRY_MS));
       if (offline) return;
-      if (err instanceof Problem && err.code === "unknown_verb") await this.refresh();
+      if (err instanceof AdverbError && err.code === "unknown_verb") await this.refresh();
       if (this.store.view.verb === name) this.notify(textOf(err), limited ? "note" : "error");
     }
   }
@@ -429,5 +427,5 @@ function round(value: number): number {
 }
 
 export function textOf(err: unknown): string {
-  return err instanceof Problem ? err.detail : err instanceof Error ? err.message : String(err);
+  return err instanceof AdverbError ? err.detail : err instanceof Error ? err.message : String(err);
 }

@@ -1,9 +1,8 @@
 /** Another version of the verb at the same goal and phase, fetched onSettled when the goal changes. */
 
+import { alignRoot, FLAGS, poseLength, Sequence } from "adverb-client";
 import type { Picture, Rest, Shown, Verb, View } from "./types";
 import { adverbValues } from "./verb";
-import { FLAGS, poseLength } from "./wire/decode";
-import { alignRoot, Sequence } from "./wire/sequence";
 
 const FPS = 60;
 
@@ -37,15 +36,15 @@ export class VersionComparison {
     if (!this.track) return null;
     const head = this.track.at(shown.phase, this.pose);
     if (looping) alignRoot(this.pose, main);
-    const { version, timeS: time_s, durationS: duration_s, error } = head;
+    const { version, timeS, durationS, error } = head;
     const root: Shown["root"] = [this.pose[0] as number, this.pose[1] as number, this.pose[2] as number];
     return {
       picture: { count: 1, poses: this.pose, error, phase: shown.phase },
       shown: {
         ...shown,
         version,
-        time_s,
-        duration_s,
+        timeS,
+        durationS,
         error,
         root,
         count: 1,

@@ -1,8 +1,8 @@
+import { Sequence } from "adverb-client";
 import { expect, test, vi } from "vitest";
 import { Inclines, inclineOf } from "./incline";
 import { followSlope, groundHeight, inclineAt } from "./scene/slope";
 import type { Incline, Rest, Skeleton, Verb } from "./types";
-import { Sequence } from "./wire/sequence";
 
 const SKELETON = {
   names: ["Hips"],

@@ -1,11 +1,9 @@
 /** Ground of a looping verb whose cycle climbs: its gradient, and the height of the root above it. */
 
+import { heading, poseLength, rigOf, Sequence, solve } from "adverb-client";
 import { extremeExamples, jointPoints, tipPoints } from "./motion_extent";
-import { rigOf, solve, yawOf } from "./scene/fk";
 import { sub, type V3 } from "./scene/vec";
 import type { Incline, Rest, Skeleton, Verb } from "./types";
-import { poseLength } from "./wire/decode";
-import { Sequence } from "./wire/sequence";
 
 /** Samples of a cycle; the last is the first of the next cycle. */
 const SAMPLES = 49;
@@ -93,7 +91,7 @@ function cycleOf(sequence: Sequence, skeleton: Skeleton): Sample[] {
   return Array.from({ length: SAMPLES }, (_, k) => {
     sequence.at(k / (SAMPLES - 1), pose);
     solve(rig, pose, 0, positions, rotations);
-    const away = yawOf(rotations, 0) - yaw;
+    const away = heading(rotations, 0) - yaw;
     yaw += away - WHOLE_TURN * Math.round(away / WHOLE_TURN); // continuous
     const points = [...jointPoints(positions), ...tipPoints(skeleton, positions, rotations)];
     return { points, root: points[0] as V3, yaw };

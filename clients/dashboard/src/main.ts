@@ -2,7 +2,7 @@
 
 import { Access, tabStorage } from "./access/access";
 import { keyPrompt } from "./access/prompt";
-import { callerOf, createRest } from "./api/rest";
+import { callerOf, Rest } from "./api/rest";
 import { Page } from "./app";
 import { Inclines } from "./incline";
 import { motionExtent } from "./motion_extent";
@@ -35,7 +35,7 @@ function start(): void {
   const access = new Access(tabStorage(), callerOf);
   const page = new Page(
     store,
-    createRest("", access, ({ code }) => code === "unknown_verb" && void page.refresh()),
+    new Rest("", access, ({ code }) => code === "unknown_verb" && void page.refresh()),
     access,
     openWorker(),
     reducedMotion,

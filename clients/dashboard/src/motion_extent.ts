@@ -1,11 +1,8 @@
 /** Extent of a verb's motion: extreme joint positions over the motions of its extreme examples. */
 
-import { rigOf, solve } from "./scene/fk";
+import { poseLength, rigOf, rotate, Sequence, solve } from "adverb-client";
 import type { V3 } from "./scene/vec";
 import type { Rest, Skeleton, Verb } from "./types";
-import { poseLength } from "./wire/decode";
-import { rotate } from "./wire/quaternion";
-import { Sequence } from "./wire/sequence";
 
 const FPS = 15;
 const PHASES = 13;

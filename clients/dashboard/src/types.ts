@@ -5,22 +5,32 @@
  * and is stored in the URL.
  */
 
+import type { Connection, Opened, Shown, StreamStats, Verb, VerbSummary } from "adverb-client";
 import type { Object3D } from "three";
 import type { Access } from "./access/access";
-import type { DraftRest } from "./drafts/types";
-import type { components } from "./generated/schema";
+import type { Rest } from "./api/rest";
 import type { Palette } from "./scene/palette";
 
-export type Verb = components["schemas"]["VerbAnswer"];
-export type VerbSummary = components["schemas"]["VerbSummary"];
-export type Version = components["schemas"]["VersionAnswer"];
-export type Versions = components["schemas"]["VersionsAnswer"];
-export type Refinement = components["schemas"]["RefinementAnswer"];
-export type RefinementRequest = components["schemas"]["RefinementRequest"];
-export type Upload = components["schemas"]["UploadAnswer"];
-export type Ready = components["schemas"]["Ready"];
-export type Change = components["schemas"]["_ChangeOfVerb"];
-export type Opened = components["schemas"]["Opened"];
+export type {
+  Change,
+  Connection,
+  Opened,
+  PoseAnswer,
+  PoseRequest,
+  PosesRequest,
+  Ready,
+  Refinement,
+  RefinementRequest,
+  SequenceRequest,
+  Shown,
+  StreamStats as Stats,
+  Upload,
+  Verb,
+  VerbSummary,
+  Version,
+  Versions,
+} from "adverb-client";
+export type { Rest } from "./api/rest";
 
 /** Comparison figure: none, another method, or another version at the same goal. */
 export type Comparison = { kind: "none" } | { kind: "method"; method: string } | { kind: "version"; version: number };
@@ -173,48 +183,6 @@ export interface Stage {
   dispose(): void;
 }
 
-/** Connection state: first attempt, open, reconnecting, or closed with the page. */
-export type Connection = "connecting" | "open" | "lost" | "closed";
-
-/** Statistics of the stream: rates of the last second, and totals since the page was opened. */
-export interface Stats {
-  connection: Connection;
-  messages_per_s: number;
-  poses_per_s: number;
-  bytes_per_s: number;
-  /** Totals: frames dropped by the server, gaps in the sequence numbers, reconnections. */
-  dropped: number;
-  gaps: number;
-  reconnects: number;
-  /** Age of pose messages on arrival, by the server's clock, ms; NaN before the first. */
-  lateness_p50_ms: number;
-  lateness_p95_ms: number;
-  lateness_p99_ms: number;
-  round_trip_ms: number;
-  /** Display delay of the jitter buffer, ms. */
-  buffer_ms: number;
-  /** Open channels of this page. */
-  channels: number;
-}
-
-/** Displayed state of a figure's first character. */
-export interface Shown {
-  verb: string;
-  version: number;
-  method: string;
-  phase: number;
-  time_s: number;
-  duration_s: number;
-  /** In the unit of the verb's measure (m, m/s); NaN if not measured. */
-  error: number;
-  clamped: boolean;
-  inTransition: boolean;
-  /** x, y, z, metres. */
-  root: readonly [number, number, number];
-  /** Number of characters. */
-  count: number;
-}
-
 /** The page as seen by its panels. */
 export interface App {
   readonly store: Store;
@@ -227,7 +195,7 @@ export interface App {
   /** `opened` message of the steered character's channel; null before it arrives. */
   readonly opened: Opened | null;
   readonly connection: Connection;
-  readonly stats: Stats | null;
+  readonly stats: StreamStats | null;
   /** Displayed state of each figure; null before the first picture. */
   readonly shown: Readonly<Record<Role, Shown | null>>;
   /** Subscribe to an event; returns the unsubscribe function. */
@@ -252,58 +220,9 @@ export interface AppEvents {
   opened: Opened;
   connection: Connection;
   /** Four times per second. */
-  stats: Stats;
+  stats: StreamStats;
   /** Once per picture of the main figure. The object is reused; copy what you keep. */
   frame: Shown;
   /** The steered character passed a keytime. */
   event: { name: string; phase: number };
 }
-
-/** Typed calls of the REST routes; failures throw `Problem` (`api/rest.ts`). */
-export interface Rest {
-  verbs(signal?: AbortSignal): Promise<VerbSummary[]>;
-  verb(name: string, signal?: AbortSignal): Promise<Verb>;
-  versions(verb: string, signal?: AbortSignal): Promise<Versions>;
-  /** Activate a version; with `expected`, only if that version is current. */
-  activate(verb: string, version: number, expected?: number): Promise<Version>;
-  /**
-   * Upload an artifact or a zip of a verb source, detected by the first bytes. `expected` is the version that it may
-   * replace.
-   */
-  upload(content: Blob, progress?: (share: number) => void, signal?: AbortSignal, expected?: number): Promise<Upload>;
-  remove(verb: string): Promise<void>;
-  /** Content of a path, such as `artifact`. */
-  download(path: string, signal?: AbortSignal): Promise<Blob>;
-  /** Path of a version's artifact. */
-  artifact(verb: string, version: number): string;
-  refine(verb: string, request: Partial<RefinementRequest>): Promise<Refinement>;
-  refinements(query?: { verb?: string; limit?: number }, signal?: AbortSignal): Promise<Refinement[]>;
-  refinement(id: string, signal?: AbortSignal): Promise<Refinement>;
-  cancel(id: string): Promise<Refinement>;
-  /** Follow a refinement until it ends or the returned function is called; reconnects. */
-  follow(id: string, then: (refinement: Refinement, end: boolean) => void): () => void;
-  /** Changes of verbs, the newest first; `before` is the number of the last one of the page before. */
-  changes(query: { limit: number; verb?: string; before?: number }, signal?: AbortSignal): Promise<Change[]>;
-  /** One pose. */
-  pose(verb: string, request: PoseRequest, signal?: AbortSignal): Promise<PoseAnswer>;
-  /** Many poses, as JSON. */
-  poses(verb: string, request: PosesRequest, signal?: AbortSignal): Promise<PoseAnswer[]>;
-  /** Whole sequence as binary records (docs/wire.md), of any stored version. */
-  sequence(verb: string, request: SequenceRequest, signal?: AbortSignal): Promise<ArrayBuffer>;
-  /** Routes of drafts. */
-  readonly drafts: DraftRest;
-  ready(signal?: AbortSignal): Promise<Ready>;
-  /** Metrics in Prometheus text format. */
-  metrics(signal?: AbortSignal): Promise<string>;
-  /** Any other JSON route below `/v1`; failures throw `Problem`. */
-  json<T>(path: string, init?: RequestInit): Promise<T>;
-}
-
-export type PoseAnswer = components["schemas"]["PoseAnswer"];
-export type PoseRequest = PartialRequest<components["schemas"]["PoseRequest"], "adverbs">;
-export type PosesRequest = PartialRequest<components["schemas"]["BatchRequest"], "items">;
-export type SequenceRequest = PartialRequest<components["schemas"]["SequenceRequest"], never>;
-
-/** Request with optional fields, except for those named. */
-type PartialRequest<Request, Required extends keyof Request> = Pick<Request, Required> &
-  Partial<Omit<Request, Required>>;

@@ -1,5 +1,5 @@
+import { ResponseError } from "adverb-client";
 import { beforeEach, expect, test } from "vitest";
-import { Problem } from "../api/request";
 import { Access, type Caller } from "./access";
 
 const POSE: Caller = { required: true, id: "1", name: "game", scopes: ["pose"], expires_at: null };
@@ -14,7 +14,7 @@ function open(): Access {
   };
   return new Access(storage, async (key) => {
     const holder = holders[key];
-    if (!holder) throw new Problem(401, "unauthenticated", "the key is unknown");
+    if (!holder) throw new ResponseError(401, "unauthenticated", "the key is unknown");
     return holder;
   });
 }

@@ -1,7 +1,7 @@
 /** The key of this tab, what it permits, and the requests that wait for another key. */
 
-import { Problem } from "../api/request";
-import type { components } from "../generated/schema";
+import type { components } from "adverb-client";
+import { AdverbError } from "adverb-client";
 
 /** Holder of a key, as in `GET /v1/access`. */
 export type Caller = components["schemas"]["AccessAnswer"];
@@ -13,7 +13,7 @@ const FORM = /^[\w.~+-]+$/;
 
 /**
  * @param storage of this tab; null keeps the key in memory
- * @param find requests the holder of a key; throws a `Problem`
+ * @param find requests the holder of a key; throws a `AdverbError`
  */
 export class Access {
   key: string;
@@ -62,7 +62,7 @@ export class Access {
   async load(): Promise<void> {
     const key = await this.usable();
     const caller = await this.find(key).catch((err: unknown) => {
-      if (!(err instanceof Problem) || err.status !== 401) throw err;
+      if (!(err instanceof AdverbError) || err.status !== 401) throw err;
       this.refuse(key, err.detail);
       return null;
     });

@@ -1,9 +1,9 @@
 import { createServer, type Server } from "node:http";
 import type { AddressInfo } from "node:net";
+import { AdverbError } from "adverb-client";
 import { afterAll, beforeAll, beforeEach, expect, test } from "vitest";
 import { Access } from "../access/access";
-import { Problem, problemOf, retryMs } from "./request";
-import { callerOf, createRest } from "./rest";
+import { callerOf, Rest } from "./rest";
 
 const GOOD = "adv_good";
 const CALLER = { required: true, id: "1", name: "game", scopes: ["pose"], expires_at: null };
@@ -34,8 +34,8 @@ beforeEach(() => {
 
 function open() {
   const access = new Access(null, (key) => callerOf(key, base));
-  const problems: Problem[] = [];
-  const rest = createRest(base, access, (problem) => problems.push(problem));
+  const problems: AdverbError[] = [];
+  const rest = new Rest(base, access, (problem) => problems.push(problem));
   const prompted = new Promise<void>((done) => access.on(() => access.problem !== null && done()));
   return { access, rest, problems, prompted };
 }
@@ -45,7 +45,7 @@ test("a request without a key is sent again, with its body, once there is one", 
   const started = rest.refine("reach", { budget_s: 7 });
   await prompted;
   expect(access.problem).toBe("this server needs a key");
-  await expect(access.give("adv_bad")).rejects.toBeInstanceOf(Problem);
+  await expect(access.give("adv_bad")).rejects.toBeInstanceOf(AdverbError);
   await access.give(GOOD);
   expect(await started).toMatchObject({ id: "job" });
   expect(bodies.at(-1)).toBe('{"budget_s":7}');
@@ -72,19 +72,4 @@ test("the key is in the header, and not in the address", async () => {
   await access.give(GOOD);
   await rest.download(rest.artifact("reach", 2));
   expect(seen.at(-1)).toBe(`GET /v1/verbs/reach/versions/2 Bearer ${GOOD}`);
-});
-
-test("too many requests: the time to wait is in the text, and counts for the next request", () => {
-  const body = '{"code": "too_many_requests", "detail": "this key may have 5 requests per second"}';
-  const problem = problemOf(429, body, "3");
-  expect(problem.detail).toBe("this key may have 5 requests per second: wait 3 s");
-  expect(retryMs(problem, 1000)).toBe(3000);
-  expect(retryMs(problem, 5000)).toBe(5000);
-  expect(retryMs(new Error("other"), 1000)).toBe(1000);
-});
-
-test("a missing scope is named by the detail", () => {
-  const body = '{"code": "missing_scope", "detail": "this needs a key with the scope \'author\'; yours has pose"}';
-  expect(problemOf(403, body)).toMatchObject({ status: 403, code: "missing_scope", retryMs: 0 });
-  expect(problemOf(403, body).detail).toContain("'author'");
 });

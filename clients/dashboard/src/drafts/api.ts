@@ -1,18 +1,14 @@
 /** Typed calls of the draft routes. */
 
-import type { Send, SendFile } from "../api/request";
+import { ifMatch, jsonBody, type Send } from "adverb-client";
+import type { SendFile } from "../api/request";
 import { readMotion } from "./motion_file";
 import type { DraftRest, DraftSummary } from "./types";
 
-/** @param send fetch that throws a `Problem` */
+/** @param send fetch that throws a `AdverbError` */
 export function draftRest(send: Send, sendFile: SendFile, base = ""): DraftRest {
   const at = (id: string) => `${base}/v1/drafts/${encodeURIComponent(id)}`;
   const json = async <T>(path: string, init?: RequestInit): Promise<T> => (await send(path, init)).json();
-  const body = (method: string, content: unknown, headers: Record<string, string> = {}): RequestInit => ({
-    method,
-    headers: { "Content-Type": "application/json", ...headers },
-    body: JSON.stringify(content),
-  });
   return {
     create: (zip, name, progress, signal) =>
       sendFile(`${base}/v1/drafts?${new URLSearchParams(name ? { name } : {})}`, zip, progress, signal),
@@ -22,12 +18,12 @@ export function draftRest(send: Send, sendFile: SendFile, base = ""): DraftRest 
       const init: RequestInit = { headers: { Accept: "application/octet-stream" }, ...(signal && { signal }) };
       return readMotion(await (await send(`${at(id)}/motion`, init)).arrayBuffer());
     },
-    change: (id, edit, revision) => json(at(id), body("PATCH", edit, { "If-Match": `"${revision}"` })),
+    change: (id, edit, revision) => json(at(id), jsonBody("PATCH", edit, ifMatch(revision))),
     sequence: async (id, adverbs, fps) => {
-      const init = body("POST", { adverbs, fps }, { Accept: "application/octet-stream" });
+      const init = jsonBody("POST", { adverbs, fps }, { Accept: "application/octet-stream" });
       return (await send(`${at(id)}/sequence`, init)).arrayBuffer();
     },
-    publish: (id, name) => json(`${at(id)}/publish`, body("POST", name ? { name } : {})),
+    publish: (id, name) => json(`${at(id)}/publish`, jsonBody("POST", name ? { name } : {})),
     remove: async (id) => void (await send(at(id), { method: "DELETE" })),
     addExample: (verb, clip, progress) =>
       sendFile(

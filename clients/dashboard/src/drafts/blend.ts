@@ -1,7 +1,6 @@
 /** Motion of a draft's verb at a goal: one sequence per goal and revision; at most one request runs. */
 
-import { poseLength } from "../wire/decode";
-import { Sequence } from "../wire/sequence";
+import { poseLength, Sequence } from "adverb-client";
 import type { Draft, DraftRest } from "./types";
 
 const FPS = 30;

@@ -1,5 +1,5 @@
+import { AdverbError, ResponseError } from "adverb-client";
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { Problem } from "../api/request";
 import { DraftSession } from "./draft_session";
 import { applied, joined } from "./edits";
 import type { Draft, DraftEdit, DraftRest } from "./types";
@@ -21,13 +21,13 @@ const DRAFT = {
 
 /** A server whose answers are released one by one. */
 class Server {
-  readonly calls: { edit: DraftEdit; revision: number; answer: (result: Draft | Problem) => void }[] = [];
+  readonly calls: { edit: DraftEdit; revision: number; answer: (result: Draft | AdverbError) => void }[] = [];
   draft = DRAFT;
   readonly rest = {
     get: async () => this.draft,
     change: (_: string, edit: DraftEdit, revision: number) =>
       new Promise<Draft>((done, failed) => {
-        const answer = (result: Draft | Problem) => (result instanceof Problem ? failed(result) : done(result));
+        const answer = (result: Draft | AdverbError) => (result instanceof AdverbError ? failed(result) : done(result));
         this.calls.push({ edit, revision, answer });
       }),
   } as unknown as DraftRest;
@@ -87,7 +87,7 @@ test("another client's change loads the draft again and drops the edit with a me
   session.edit({ name: "mine" });
   await vi.advanceTimersByTimeAsync(500);
   server.draft = { ...DRAFT, revision: 7, name: "theirs" };
-  server.calls[0]?.answer(new Problem(412, "revision_changed", "changed"));
+  server.calls[0]?.answer(new ResponseError(412, "revision_changed", "changed"));
   await vi.advanceTimersByTimeAsync(0);
   expect(session.draft.name).toBe("theirs");
   expect(problems.at(-1)).toContain("Another client changed this draft");
@@ -103,7 +103,7 @@ test("a refused edit is taken back with the server's reason", async () => {
   session.on("problem", (text) => problems.push(text));
   session.edit(keytimes(2, 1, 0));
   await vi.advanceTimersByTimeAsync(500);
-  server.calls[0]?.answer(new Problem(422, "invalid_draft", "must rise"));
+  server.calls[0]?.answer(new ResponseError(422, "invalid_draft", "must rise"));
   await vi.advanceTimersByTimeAsync(0);
   expect(session.draft.clips[0]?.keytimes).toEqual([0, 1, 2]);
   expect(problems).toEqual(["must rise"]);

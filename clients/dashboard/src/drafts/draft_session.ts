@@ -5,8 +5,7 @@
  * edit is dropped with a message.
  */
 
-import { Problem } from "../api/request";
-import { Emitter } from "../emitter";
+import { AdverbError, Emitter } from "adverb-client";
 import { applied, joined } from "./edits";
 import type { Draft, DraftEdit, DraftRest } from "./types";
 
@@ -102,13 +101,13 @@ export class DraftSession {
 
   /** Message of a failed edit; loads the draft again where its revision is another. */
   private async failed(err: unknown): Promise<string> {
-    if (!(err instanceof Problem)) return String(err);
+    if (!(err instanceof AdverbError)) return String(err);
     if (err.status !== 412) return err.detail;
     this.waiting = null;
     try {
       this.saved = await this.rest.get(this.saved.id);
     } catch (again) {
-      return again instanceof Problem ? again.detail : String(again);
+      return again instanceof AdverbError ? again.detail : String(again);
     }
     return "Another client changed this draft. It was loaded again; the last change was not saved.";
   }

@@ -1,6 +1,6 @@
 /** Positions of a draft's clips for the scene: joints of each clip at a phase, and paths of the effector. */
 
-import { poseLength, rigOf, solve } from "../scene/fk";
+import { poseLength, rigOf, solve } from "adverb-client";
 import type { ClipTime } from "./clip_time";
 import { poseAt } from "./motion_file";
 import type { ClipMotion, DraftMotion } from "./types";
@@ -18,7 +18,7 @@ export class ClipFigures {
     this.#rig = rigOf(skeleton);
     this.joints = this.#rig.joints;
     this.clips = new Map(clips.map((clip) => [clip.name, clip]));
-    this.#pose = new Float32Array(poseLength(this.#rig));
+    this.#pose = new Float32Array(poseLength(this.#rig.joints));
     this.#rotations = new Float32Array(4 * this.joints);
     this.#positions = new Float32Array(3 * this.joints);
   }

@@ -1,7 +1,7 @@
 /** The answer of a draft's motion route: a JSON line, then float32 poses of each clip. */
 
+import { DecodeError, poseLength } from "adverb-client";
 import type { Skeleton } from "../types";
-import { DecodeError, poseLength } from "../wire/decode";
 import type { ClipMotion, DraftMotion } from "./types";
 
 const NEWLINE = 0x0a;

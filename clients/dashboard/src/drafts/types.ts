@@ -1,6 +1,6 @@
 /** Drafts: folders of clips on their way to a verb. Shapes of JSON come from the generated API types. */
 
-import type { components } from "../generated/schema";
+import type { components } from "adverb-client";
 import type { Skeleton, Upload } from "../types";
 
 type Schemas = components["schemas"];
@@ -42,7 +42,7 @@ export interface DraftMotion {
   readonly clips: readonly ClipMotion[];
 }
 
-/** Calls of the draft routes; failures throw `Problem`. */
+/** Calls of the draft routes; failures throw `AdverbError`. */
 export interface DraftRest {
   create(zip: Blob, name: string, progress?: (share: number) => void, signal?: AbortSignal): Promise<Draft>;
   list(): Promise<readonly DraftSummary[]>;

@@ -1,6 +1,6 @@
 /** View of an open draft: clips with their keytimes at the left, the scene at the right. */
 
-import { Problem } from "../api/request";
+import { AdverbError } from "adverb-client";
 import { textOf } from "../app";
 import { Disposables } from "../panels/parts/disposables";
 import { adverbSlider, type SliderRow } from "../panels/parts/slice_sliders";
@@ -41,7 +41,7 @@ export function mount(host: HTMLElement, app: App, colours: ThemeController): ()
 }
 
 function failure(app: App, err: unknown): HTMLElement {
-  const unknown = err instanceof Problem && err.code === "unknown_draft";
+  const unknown = err instanceof AdverbError && err.code === "unknown_draft";
   const text = unknown ? "This draft does not exist on this server; it may have been deleted." : textOf(err);
   const onclick = () => app.store.change({ draft: "", clip: "", panel: "upload" }, true);
   const back = h("button", { type: "button", onclick }, "Back");

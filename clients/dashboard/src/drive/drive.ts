@@ -1,8 +1,8 @@
 /** Drive mode: input devices steer a verb with measured velocities; keys start other verbs in between. */
 
+import type { Motion } from "adverb-client";
 import type { Page } from "../app";
 import type { Verb } from "../types";
-import type { Motion } from "../wire/worker_messages";
 import { ACTIONS, type Action, type ActionName, Actions, actionGoal, sameSkeleton } from "./actions";
 import { browserPads, GamepadInput, Keyboard } from "./devices";
 import { type Axes, axesOf, STILL, type Steering, steer, sum } from "./steering";

@@ -1,6 +1,6 @@
 /** Service tab: server health, charts, and this page's stream. */
 
-import { retryMs } from "../api/request";
+import { retryMs } from "adverb-client";
 import { textOf } from "../app";
 import { h } from "../shell/dom";
 import { download } from "../shell/download";
@@ -122,14 +122,14 @@ function healthLines({ degraded, problem, verbs, skipped }: Ready): HTMLElement[
 }
 
 const NUMBERS: readonly (readonly [string, (stats: Stats) => string])[] = [
-  ["Messages", (stats) => `${digits(stats.messages_per_s)}/s`],
-  ["Poses", (stats) => `${digits(stats.poses_per_s)}/s`],
-  ["Received", (stats) => `${bytes(stats.bytes_per_s)}/s`],
-  ["Lateness p50", (stats) => ms(stats.lateness_p50_ms)],
-  ["Lateness p95", (stats) => ms(stats.lateness_p95_ms)],
-  ["Lateness p99", (stats) => ms(stats.lateness_p99_ms)],
-  ["Round trip", (stats) => ms(stats.round_trip_ms)],
-  ["Display delay", (stats) => ms(stats.buffer_ms)],
+  ["Messages", (stats) => `${digits(stats.messagesPerS)}/s`],
+  ["Poses", (stats) => `${digits(stats.posesPerS)}/s`],
+  ["Received", (stats) => `${bytes(stats.bytesPerS)}/s`],
+  ["Lateness p50", (stats) => ms(stats.latenessP50Ms)],
+  ["Lateness p95", (stats) => ms(stats.latenessP95Ms)],
+  ["Lateness p99", (stats) => ms(stats.latenessP99Ms)],
+  ["Round trip", (stats) => ms(stats.roundTripMs)],
+  ["Display delay", (stats) => ms(stats.bufferMs)],
   ["Channels", (stats) => String(stats.channels)],
   ["Dropped frames", (stats) => String(stats.dropped)],
   ["Sequence gaps", (stats) => String(stats.gaps)],

@@ -1,6 +1,6 @@
 /** Upload tab: clips become a draft; a source folder, zip or artifact is built by the server and published. */
 
-import { Problem } from "../api/rest";
+import { AdverbError } from "adverb-client";
 import { textOf } from "../app";
 import { h } from "../shell/dom";
 import type { App, Upload, VerbSummary } from "../types";
@@ -181,7 +181,7 @@ async function upload(
   stop: AbortSignal,
 ): Promise<void> {
   await withProgress(status, file, "Building", stop, async (progress, signal) => {
-    const made = await app.rest.upload(file, progress, signal, expected);
+    const made = await app.rest.uploadFile(file, progress, signal, expected);
     await app.reload();
     showResult(status, app, made);
   });
@@ -257,7 +257,7 @@ function showQueued(status: HTMLElement, file: File, remove: () => void): void {
 
 function showError(status: HTMLElement, err: unknown): void {
   if (err instanceof DOMException && err.name === "AbortError") return status.remove();
-  const readOnly = err instanceof Problem && err.code === "read_only";
+  const readOnly = err instanceof AdverbError && err.code === "read_only";
   showStatus(status, "bad", readOnly ? `Read-only: ${err.detail}.` : textOf(err));
 }
 

@@ -1,6 +1,6 @@
 /** Versions tab, newest first: quality, roll back, compare, download. */
 
-import { Problem } from "../api/rest";
+import { AdverbError } from "adverb-client";
 import { textOf } from "../app";
 import { h } from "../shell/dom";
 import { download } from "../shell/download";
@@ -69,7 +69,7 @@ class List {
     } catch (err) {
       if (stale()) return;
       this.clear();
-      this.fail(err instanceof Problem && err.code === "read_only" ? `Read-only: ${err.detail}.` : textOf(err));
+      this.fail(err instanceof AdverbError && err.code === "read_only" ? `Read-only: ${err.detail}.` : textOf(err));
     }
   }
 

@@ -1,8 +1,8 @@
+import { heading, poseLength, type Rig, rigOf, solve, writeMatrix } from "adverb-client";
 import { DynamicDrawUsage, Group, InstancedMesh, type Material } from "three";
 import type { Picture, Skeleton } from "../types";
 import { anatomyOf } from "./anatomy";
 import { Attention } from "./attention";
-import { poseLength, type Rig, rigOf, solve, writeMatrix, yawOf } from "./fk";
 import { mannequin } from "./mannequin";
 import type { Detail } from "./shapes";
 import type { V3 } from "./vec";
@@ -66,7 +66,7 @@ export class Figures {
     this.group.visible = this.count > 0;
     if (!picture || this.count === 0) return;
     if (this.count > this.#room) this.#make(2 ** Math.ceil(Math.log2(this.count)));
-    const size = poseLength(this.rig);
+    const size = poseLength(this.rig.joints);
     const half = this.#pictures++ % 2;
     this.#attention.begin(this.places, this.count, performance.now() / 1000);
     for (let k = this.count - 1; k >= 0; k--) {
@@ -78,7 +78,7 @@ export class Figures {
       crowdOffset(k, this.count, this.#rows, this.#shift);
       this.places[3 * k] = (positions[0] as number) + (this.#shift[0] as number);
       this.places[3 * k + 1] = (positions[2] as number) + (this.#shift[2] as number);
-      this.places[3 * k + 2] = yawOf(rotations, 0);
+      this.places[3 * k + 2] = heading(rotations, 0);
       if (k > 0) this.#attention.turn(k, positions, rotations, this.#shift, eye);
       const away = Math.hypot((this.places[3 * k] as number) - eye[0], (this.places[3 * k + 1] as number) - eye[2]);
       const isHidden = k > 0 && away < this.clearance;

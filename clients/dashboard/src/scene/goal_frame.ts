@@ -1,4 +1,4 @@
-import { yawOf } from "./fk";
+import { heading } from "adverb-client";
 
 /** Smoothing rate of the drawn heading, 1/s; slower than the hip sway of a stride. */
 const TURN_RATE = 2.5;
@@ -19,7 +19,7 @@ export class GoalFrame {
 
   /** Origin of a jump: its start. A looped jump that continues from its landing starts there. */
   updateJump(phase: number, root: Float32Array, rotations: Float32Array): void {
-    const now = [root[0] as number, root[2] as number, yawOf(rotations, 0)] as const;
+    const now = [root[0] as number, root[2] as number, heading(rotations, 0)] as const;
     if (this.#phase < 0) this.#startHeading = phase < 0.05 ? now[2] : 0;
     const near = Math.hypot(now[0] - this.#last[0], now[1] - this.#last[1]) < 0.25;
     if (this.#phase > 0.8 && phase < 0.2) {
@@ -34,7 +34,7 @@ export class GoalFrame {
   updateStride(root: Float32Array, rotations: Float32Array, delta_s: number): boolean {
     [this.x, this.z] = [root[0] as number, root[2] as number];
     const whole = 2 * Math.PI;
-    const away = yawOf(rotations, 0) - this.heading;
+    const away = heading(rotations, 0) - this.heading;
     const step = away - whole * Math.round(away / whole);
     const first = this.#phase < 0;
     this.#phase = 0;

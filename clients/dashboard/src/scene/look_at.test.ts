@@ -1,7 +1,7 @@
+import { rigOf, solve } from "adverb-client";
 import { expect, test } from "vitest";
 import type { Skeleton } from "../types";
 import { anatomyOf } from "./anatomy";
-import { rigOf, solve } from "./fk";
 import { LookAt } from "./look_at";
 import type { V3 } from "./vec";
 

@@ -1,3 +1,4 @@
+import { heading, poseLength } from "adverb-client";
 import { Group, type Object3D, Scene, Vector3, type WebGLRenderer } from "three";
 import type { CrowdPlaces, Drawn, Incline, Picture, Role, Stage, Verb } from "../types";
 import { anatomyOf } from "./anatomy";
@@ -6,7 +7,6 @@ import { CrowdDetail } from "./crowd_detail";
 import { Feet } from "./feet";
 import { figureRect, isOffscreen, NOTHING_DRAWN } from "./figure_rect";
 import { Figures } from "./figures";
-import { poseLength, yawOf } from "./fk";
 import { GoalHandle } from "./goal";
 import { GoalFrame } from "./goal_frame";
 import { type Adverbs, clampGoal, type ExamplePoint, type GoalSpace, goalSpaceOf } from "./goal_space";
@@ -137,13 +137,13 @@ class WebGLStage implements Stage {
     const figures = this.#figures?.[role];
     if (!figures || !this.#layout) return;
     // Ignore a stale picture of another skeleton.
-    if (picture && picture.poses.length < picture.count * poseLength(figures.rig)) return;
+    if (picture && picture.poses.length < picture.count * poseLength(figures.rig.joints)) return;
     const before = figures.count;
     figures.show(picture, this.#rig.camera.position.toArray());
     if (role === "main" && picture && picture.count > 0) {
       this.#phase = picture.phase;
       const now_s = performance.now() / 1000;
-      this.#slope.follow(picture.phase, figures.positions, yawOf(figures.rotations, 0), now_s);
+      this.#slope.follow(picture.phase, figures.positions, heading(figures.rotations, 0), now_s);
       if (!this.#layout.wall) this.#feet?.update(figures.positions, now_s, this.#slope);
       if (this.#space?.kind === "jump") this.#goalFrame.updateJump(picture.phase, figures.positions, figures.rotations);
       if (before !== picture.count) this.#frameCrowd(picture.count);

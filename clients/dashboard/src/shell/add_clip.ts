@@ -1,6 +1,6 @@
 /** Adds a clip to the current verb: the server proposes its keytimes and publishes a new version. */
 
-import { Problem } from "../api/request";
+import { AdverbError } from "adverb-client";
 import { type Page, textOf } from "../app";
 import type { AddedExample } from "../drafts/types";
 import { scoped } from "../panels/parts/scoped";
@@ -31,7 +31,7 @@ export function addClip(page: Page): HTMLElement {
       await page.reload();
       status.replaceChildren(...resultOf(page, added));
     } catch (err) {
-      const text = err instanceof Problem && err.code === "no_source" ? NO_SOURCE : textOf(err);
+      const text = err instanceof AdverbError && err.code === "no_source" ? NO_SOURCE : textOf(err);
       status.replaceChildren(h("p", { className: "failure", role: "alert" }, text));
     }
     button.disabled = false;

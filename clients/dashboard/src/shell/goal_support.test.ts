@@ -1,6 +1,6 @@
+import { Emitter } from "adverb-client";
 import { expect, test, vi } from "vitest";
 import type { Page } from "../app";
-import { Emitter } from "../emitter";
 import type { PoseRequest, Verb } from "../types";
 import { goalSupport } from "./goal_support";
 

@@ -156,8 +156,8 @@ function connectionLine(page: Page): HTMLElement {
     element.dataset.state = page.connection;
     text.textContent =
       page.connection === "open"
-        ? stats && stats.messages_per_s > 0
-          ? `${stats.messages_per_s.toFixed(0)} messages/s · ${stats.lateness_p95_ms.toFixed(0)} ms p95`
+        ? stats && stats.messagesPerS > 0
+          ? `${stats.messagesPerS.toFixed(0)} messages/s · ${stats.latenessP95Ms.toFixed(0)} ms p95`
           : CONNECTION_LABELS.open
         : CONNECTION_LABELS[page.connection];
   };

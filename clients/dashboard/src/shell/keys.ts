@@ -63,6 +63,6 @@ function step(page: Page, frames: number): void {
   const shown = page.shown.main;
   if (!shown) return;
   const from = view.playing ? shown.phase : view.phase;
-  const phase = from + frames / (view.fps * Math.max(shown.duration_s, 1e-3));
+  const phase = from + frames / (view.fps * Math.max(shown.durationS, 1e-3));
   page.seek(page.verb?.looping ? phase - Math.floor(phase) : phase);
 }

@@ -55,9 +55,9 @@ function scrubber(page: Page): HTMLElement {
   };
   show(0);
   page.on("verb", (verb) => marks.replaceChildren(...keytimeMarks(page, verb)));
-  page.on("frame", ({ phase, time_s, duration_s }) => {
+  page.on("frame", ({ phase, timeS, durationS }) => {
     if (page.store.view.playing || document.activeElement !== range) show(phase);
-    clock.textContent = `${time_s.toFixed(2)} / ${duration_s.toFixed(2)} s`;
+    clock.textContent = `${timeS.toFixed(2)} / ${durationS.toFixed(2)} s`;
   });
   return h("div", { className: "scrubber" }, h("div", { className: "track" }, range, marks), clock);
 }

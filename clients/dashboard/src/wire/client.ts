@@ -1,7 +1,8 @@
 /** The page's interface to the stream worker; at most one picture is in flight. */
 
+import type { Drawn } from "adverb-client";
 import type { Role } from "../types";
-import type { Drawn, FromWorker, StreamTarget, ToWorker } from "./worker_messages";
+import type { FromWorker, StreamTarget, ToWorker } from "./worker_messages";
 
 export type StreamEvent = Exclude<FromWorker, { kind: "pictures" }>;
 

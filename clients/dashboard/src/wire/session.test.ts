@@ -1,8 +1,7 @@
+import { type Motion, type Opened, writeAdverbs, writeBulkAdverbs } from "adverb-client";
 import { beforeEach, describe, expect, test } from "vitest";
-import type { Opened } from "../types";
-import { writeAdverbs, writeBulkAdverbs } from "./decode";
 import { Session } from "./session";
-import type { FromWorker, Motion, StreamTarget } from "./worker_messages";
+import type { FromWorker, StreamTarget } from "./worker_messages";
 
 const MOTION: Motion = {
   ...{ verb: "reach", method: "", names: ["x", "y"], fps: 60, encoding: "f32" },
@@ -24,19 +23,19 @@ class Server {
   constructor(private readonly session: Session) {}
 
   connect(name: string): void {
-    this.session.attach((message) => this.take(message));
+    this.session.protocol.attach((message) => this.take(message));
     this.send({ op: "hello", session: name, max_channels: 1024, grace_s: 10, server_time_ns: 1e15 });
   }
 
   send(message: object): void {
-    this.session.receive(JSON.stringify(message), this.now);
+    this.session.protocol.receive(JSON.stringify(message), this.now);
   }
 
   /** Send one tick with all channels at a phase. */
   tick(phase: number, step = 1): void {
     this.now += 1000 / 60;
     this.sequence += step;
-    this.session.receive(this.message(phase), this.now);
+    this.session.protocol.receive(this.message(phase), this.now);
   }
 
   /** Step until no more messages are sent. */
@@ -127,7 +126,7 @@ test("the target is opened with one message and displayed", () => {
       ...{ phase: 0.25, speed: 1, play: true, loop: true, events: true },
     },
   ]);
-  expect(session.connection).toBe("open");
+  expect(session.protocol.connection).toBe("open");
   expect(session.draw(server.now, []).main).toBeNull();
   for (let k = 0; k < 10; k++) server.tick(0.3 + 0.01 * k);
   const drawn = session.draw(server.now, []).main;
@@ -237,8 +236,8 @@ test("a resumed session resends settings of confirmed channels and opens the oth
   server.connect("a");
   server.settle();
   for (let k = 0; k < 3; k++) server.tick(0.5);
-  session.lost();
-  expect(session.connection).toBe("lost");
+  session.protocol.lost();
+  expect(session.protocol.connection).toBe("lost");
   setTarget({ speed: 2 }, 2);
   server.silent = true;
   server.received.length = 0;
@@ -246,11 +245,11 @@ test("a resumed session resends settings of confirmed channels and opens the oth
   expect(server.received.map(({ op }) => op)).toEqual(["resume", "ping"]);
   expect(server.received[0]).toMatchObject({ session: "a", last_seq: 3 });
   server.send({ ...(server.open.get(0) as Opened), resumed: true });
-  expect(session.connection).toBe("lost");
+  expect(session.protocol.connection).toBe("lost");
   server.silent = false;
   server.send({ op: "pong", t: server.ops("ping")[0]?.t, server_time_ns: 1e15 });
   server.settle();
-  expect(session.connection).toBe("open");
+  expect(session.protocol.connection).toBe("open");
   expect(server.ops("set")[0]).toMatchObject({ channel: 0, speed: 2, play: true, loop: true, fps: 60 });
   expect(server.ops("open").map(({ channel }) => channel)).toEqual([1]);
   expect(session.stats(server.now).reconnects).toBe(1);
@@ -261,7 +260,7 @@ test("an unknown session reopens all channels at their phase", () => {
   server.connect("a");
   server.settle();
   for (let k = 0; k < 3; k++) server.tick(0.625);
-  session.lost();
+  session.protocol.lost();
   server.silent = true;
   server.received.length = 0;
   server.connect("b");
@@ -327,7 +326,7 @@ describe("a motion that switches", () => {
     server.send({ op: "error", channel: 0, code: "skeleton_mismatch", detail: "no" });
     server.settle();
     expect(server.ops("switch")).toHaveLength(1);
-    expect(session.channels).toBe(1);
+    expect(session.openChannels).toBe(1);
     setTarget({ ...walk, speed: 2 });
     server.settle();
     expect(server.received.slice(1)).toEqual([{ op: "set", channel: 0, speed: 2 }]);
@@ -336,7 +335,7 @@ describe("a motion that switches", () => {
   test("is switched again if a disconnect lost the message", () => {
     setTarget(jump);
     server.settle();
-    session.lost();
+    session.protocol.lost();
     server.connect("b");
     server.send({ ...(server.open.get(0) as Opened), resumed: true });
     server.send({ op: "pong", t: server.ops("ping").at(-1)?.t, server_time_ns: 1e15 });
@@ -389,7 +388,7 @@ test("gaps and dropped frames are counted, repeated messages are ignored", () =>
   server.tick(0.2, 4);
   server.tick(0.3, 0);
   expect(session.stats(server.now)).toMatchObject({ gaps: 1, channels: 1 });
-  expect(session.stats(server.now).lateness_p50_ms).toBeCloseTo(0, 1);
+  expect(session.stats(server.now).latenessP50Ms).toBeCloseTo(0, 1);
 });
 
 test("records of unknown channels and invalid text messages are errors", () => {
@@ -398,6 +397,6 @@ test("records of unknown channels and invalid text messages are errors", () => {
   server.settle();
   server.open.set(7, server.open.get(0) as Opened);
   expect(() => server.tick(0.1)).toThrow(/channel 7, which was not opened/);
-  expect(() => session.receive("{", 0)).toThrow(/not JSON/);
-  expect(() => session.receive('{"op":"opened","channel":"0"}', 0)).toThrow(/'channel' is not a number/);
+  expect(() => session.protocol.receive("{", 0)).toThrow(/not JSON/);
+  expect(() => session.protocol.receive('{"op":"opened","channel":"0"}', 0)).toThrow(/'channel' is not a number/);
 });

@@ -1,32 +1,7 @@
 /** Messages between the page and the stream worker. */
 
-import type { Connection, Opened, Role, Shown, Stats } from "../types";
-import type { Encoding } from "./decode";
-
-/** Seek request; a greater serial is newer. */
-export interface Seek {
-  serial: number;
-  phase: number;
-}
-
-/** Settings shared by all characters of a figure. */
-export interface Motion {
-  verb: string;
-  /** Empty: the verb's default. */
-  method: string;
-  /** Adverb names in the verb's order. */
-  names: readonly string[];
-  fps: number;
-  encoding: Exclude<Encoding, "weights">;
-  playing: boolean;
-  speed: number;
-  loop: boolean;
-  seek: Seek;
-  /** Time in which half of the distance to a goal is covered, s; omitted: the server's default. */
-  halfLife?: number;
-  /** Change the verb by `switch`, which keeps position and heading; otherwise the channel is opened again. */
-  switches?: boolean;
-}
+import type { Connection, Drawn, Motion, Opened, StreamStats } from "adverb-client";
+import type { Role } from "../types";
 
 /** Requested state of the stream. */
 export interface StreamTarget {
@@ -50,18 +25,13 @@ export type ToWorker =
   | { kind: "draw"; atMs: number; spare: Float32Array[] }
   | { kind: "stop" };
 
-export interface Drawn {
-  shown: Shown;
-  poses: Float32Array;
-}
-
 export type FromWorker =
   | { kind: "pictures"; pictures: Record<Role, Drawn | null> }
   | { kind: "opened"; role: Role; opened: Opened }
   | { kind: "connection"; connection: Connection; detail: string; againInS: number }
   /** The stream was closed because its key is not valid any more; it waits for another. */
   | { kind: "unauthenticated"; key: string; detail: string }
-  | { kind: "stats"; stats: Stats }
+  | { kind: "stats"; stats: StreamStats }
   | { kind: "event"; name: string; phase: number }
   | { kind: "end" }
   | { kind: "version"; verb: string; version: number }

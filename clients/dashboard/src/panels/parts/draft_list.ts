@@ -1,6 +1,6 @@
 /** List of the drafts on the server, with links that open them. */
 
-import { Problem } from "../../api/request";
+import { AdverbError } from "adverb-client";
 import { textOf } from "../../app";
 import type { DraftSummary } from "../../drafts/types";
 import { h } from "../../shell/dom";
@@ -25,7 +25,7 @@ export function draftList(app: App, disposables: Disposables): HTMLElement {
       element.hidden = drafts.length === 0;
       failure.hidden = true;
     } catch (err) {
-      const stated = err instanceof Problem && STATED.has(err.code);
+      const stated = err instanceof AdverbError && STATED.has(err.code);
       element.hidden = stated;
       failure.textContent = textOf(err);
       failure.hidden = false;

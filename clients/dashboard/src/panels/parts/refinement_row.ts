@@ -1,6 +1,6 @@
 /** One refinement: progress, error curve and result. */
 
-import { retryMs } from "../../api/request";
+import { retryMs } from "adverb-client";
 import { h } from "../../shell/dom";
 import { methodLabel } from "../../shell/header";
 import type { App, Refinement } from "../../types";

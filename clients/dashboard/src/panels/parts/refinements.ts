@@ -1,6 +1,6 @@
 /** Refinements of the verb: start one, follow running ones, show results. */
 
-import { Problem } from "../../api/rest";
+import { AdverbError } from "adverb-client";
 import { textOf } from "../../app";
 import { h } from "../../shell/dom";
 import type { App, Refinement, RefinementRequest } from "../../types";
@@ -94,7 +94,7 @@ export class Refinements {
   }
 
   private fail(err: unknown): void {
-    const readOnly = err instanceof Problem && err.code === "read_only";
+    const readOnly = err instanceof AdverbError && err.code === "read_only";
     this.failure.textContent = readOnly ? `Read-only: ${err.detail}.` : textOf(err);
     this.failure.hidden = false;
     this.form.element.hidden = readOnly;

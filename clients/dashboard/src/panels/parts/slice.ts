@@ -1,6 +1,6 @@
 /** A two-dimensional slice of adverb space; the other adverbs are fixed. */
 
-import type { components } from "../../generated/schema";
+import type { components } from "adverb-client";
 import type { Verb, View } from "../../types";
 
 export type Quality = components["schemas"]["QualityAnswer"];

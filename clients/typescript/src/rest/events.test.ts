@@ -1,6 +1,7 @@
 import { afterEach, expect, test, vi } from "vitest";
-import { eventData, follow } from "./events";
-import { Problem, type Send } from "./request";
+import { responseError } from "../errors.js";
+import { eventData, follow } from "./events.js";
+import type { Send } from "./request.js";
 
 function streamOf(...parts: string[]): ReadableStream<Uint8Array> {
   const bytes = new TextEncoder();
@@ -43,7 +44,10 @@ test("a lost connection is opened again until the last event", async () => {
 
 test("a refusal ends it; too many requests delay it", async () => {
   vi.useFakeTimers();
-  const problems = [new Problem(429, "too_many_requests", "", [], 9000), new Problem(404, "unknown_refinement", "")];
+  const problems = [
+    responseError(429, "too_many_requests", "", [], 9000),
+    responseError(404, "unknown_refinement", ""),
+  ];
   let requests = 0;
   const send: Send = async () => {
     requests++;

@@ -1,8 +1,8 @@
 /** One channel: sent state and the messages that bring it to its target. */
 
-import type { Opened } from "../types";
-import type { Goal } from "./decode";
-import type { Motion } from "./worker_messages";
+import type { Opened } from "../schema.js";
+import type { Goal } from "../wire/decode.js";
+import type { Motion } from "./motion.js";
 
 /** Playback settings, which can change without reopening the channel. */
 type SentState = Partial<Pick<Motion, "fps" | "playing" | "speed" | "loop" | "halfLife">> & {
@@ -117,9 +117,9 @@ export class Channel {
       phase,
       speed: target.speed,
       play: target.playing,
-      loop: target.loop,
+      ...(target.loop !== undefined && { loop: target.loop }),
       ...(target.halfLife !== undefined && { half_life: target.halfLife }),
-      events: this.number === 0, // the page shows those of the steered character
+      ...target.options,
     });
   }
 
@@ -136,6 +136,7 @@ export class Channel {
       verb: target.verb,
       ...(adverbs.length > 0 && { adverbs: adverbsByName(target.names, adverbs) }),
       ...(target.method && { method: target.method }),
+      ...(target.transitionS !== undefined && { transition_s: target.transitionS }),
     });
   }
 
@@ -151,7 +152,7 @@ export class Channel {
     if (sent.fps !== target.fps) set.fps = target.fps;
     if (sent.speed !== target.speed) set.speed = target.speed;
     if (sent.playing !== target.playing) set.play = target.playing;
-    if (sent.loop !== target.loop) set.loop = target.loop;
+    if (target.loop !== undefined && sent.loop !== target.loop) set.loop = target.loop;
     if (sent.halfLife !== target.halfLife) set.half_life = target.halfLife ?? HALF_LIFE_S;
     if (sent.serial !== target.seek.serial) set.phase = target.seek.phase;
     const moved =
@@ -166,7 +167,7 @@ export class Channel {
 }
 
 function playing({ fps, playing, speed, loop, halfLife }: Motion) {
-  return { fps, playing, speed, loop, ...(halfLife !== undefined && { halfLife }) };
+  return { fps, playing, speed, ...(loop !== undefined && { loop }), ...(halfLife !== undefined && { halfLife }) };
 }
 
 /** Settings that require reopening or, if the target allows it, a `switch`. */

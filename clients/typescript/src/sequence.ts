@@ -1,7 +1,8 @@
 /** A fetched sequence that can be sampled at any phase. */
 
-import { DecodeError, layoutOf, poseLength, type RecordHead, readPose, readRecordHead } from "./decode";
-import { heading, multiply, slerp } from "./quaternion";
+import { DecodeError } from "./errors.js";
+import { heading, multiply, slerp } from "./math/quaternion.js";
+import { layoutOf, poseLength, type RecordHead, readPose, readRecordHead } from "./wire/decode.js";
 
 export class Sequence {
   readonly version: number;

@@ -7,8 +7,14 @@ const NEARLY_ONE = 0.9995;
 
 /** out = a ∘ b: first b, then a. */
 export function multiply(out: Numbers, o: number, a: Readonly<Numbers>, i: number, b: Readonly<Numbers>, j: number) {
-  const [ax, ay, az, aw] = [a[i] as number, a[i + 1] as number, a[i + 2] as number, a[i + 3] as number];
-  const [bx, by, bz, bw] = [b[j] as number, b[j + 1] as number, b[j + 2] as number, b[j + 3] as number];
+  const ax = a[i] as number;
+  const ay = a[i + 1] as number;
+  const az = a[i + 2] as number;
+  const aw = a[i + 3] as number;
+  const bx = b[j] as number;
+  const by = b[j + 1] as number;
+  const bz = b[j + 2] as number;
+  const bw = b[j + 3] as number;
   out[o] = aw * bx + ax * bw + ay * bz - az * by;
   out[o + 1] = aw * by + ay * bw + az * bx - ax * bz;
   out[o + 2] = aw * bz + az * bw + ax * by - ay * bx;
@@ -17,9 +23,16 @@ export function multiply(out: Numbers, o: number, a: Readonly<Numbers>, i: numbe
 
 /** out = the vector v rotated by q. */
 export function rotate(out: Numbers, o: number, q: Readonly<Numbers>, i: number, v: Readonly<Numbers>, j: number) {
-  const [x, y, z, w] = [q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number];
-  const [vx, vy, vz] = [v[j] as number, v[j + 1] as number, v[j + 2] as number];
-  const [tx, ty, tz] = [2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)];
+  const x = q[i] as number;
+  const y = q[i + 1] as number;
+  const z = q[i + 2] as number;
+  const w = q[i + 3] as number;
+  const vx = v[j] as number;
+  const vy = v[j + 1] as number;
+  const vz = v[j + 2] as number;
+  const tx = 2 * (y * vz - z * vy);
+  const ty = 2 * (z * vx - x * vz);
+  const tz = 2 * (x * vy - y * vx);
   out[o] = vx + w * tx + y * tz - z * ty;
   out[o + 1] = vy + w * ty + z * tx - x * tz;
   out[o + 2] = vz + w * tz + x * ty - y * tx;
@@ -27,7 +40,11 @@ export function rotate(out: Numbers, o: number, q: Readonly<Numbers>, i: number,
 
 /** Normalise in place; a zero quaternion becomes the identity. */
 export function normalize(q: Numbers, i: number) {
-  const length = Math.hypot(q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number);
+  const x = q[i] as number;
+  const y = q[i + 1] as number;
+  const z = q[i + 2] as number;
+  const w = q[i + 3] as number;
+  const length = Math.sqrt(x * x + y * y + z * z + w * w);
   if (!(length > 0)) {
     q[i] = q[i + 1] = q[i + 2] = 0;
     q[i + 3] = 1;
@@ -49,8 +66,14 @@ export function slerp(
   j: number,
   share: number,
 ) {
-  const [ax, ay, az, aw] = [a[i] as number, a[i + 1] as number, a[i + 2] as number, a[i + 3] as number];
-  const [bx, by, bz, bw] = [b[j] as number, b[j + 1] as number, b[j + 2] as number, b[j + 3] as number];
+  const ax = a[i] as number;
+  const ay = a[i + 1] as number;
+  const az = a[i + 2] as number;
+  const aw = a[i + 3] as number;
+  const bx = b[j] as number;
+  const by = b[j + 1] as number;
+  const bz = b[j + 2] as number;
+  const bw = b[j + 3] as number;
   const dot = ax * bx + ay * by + az * bz + aw * bw;
   const near = Math.abs(dot);
   let from = 1 - share;
@@ -71,6 +94,9 @@ export function slerp(
 
 /** Heading of a rotation about +Y, rad: angle of its forward axis from +Z toward +X. */
 export function heading(q: Readonly<Numbers>, i: number): number {
-  const [x, y, z, w] = [q[i] as number, q[i + 1] as number, q[i + 2] as number, q[i + 3] as number];
+  const x = q[i] as number;
+  const y = q[i + 1] as number;
+  const z = q[i + 2] as number;
+  const w = q[i + 3] as number;
   return Math.atan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y));
 }

@@ -1,6 +1,7 @@
 /** Server-sent events by fetch: `EventSource` cannot send a key. */
 
-import { Problem, retryMs, type Send } from "./request";
+import { ResponseError } from "../errors.js";
+import { retryMs, type Send } from "./request.js";
 
 const RETRY_MS = 2000;
 
@@ -38,7 +39,7 @@ export function follow(send: Send, path: string, take: (data: string) => boolean
         for await (const data of eventData(response.body)) if (signal.aborted || take(data)) return null;
       return RETRY_MS;
     } catch (err) {
-      const lost = !(err instanceof Problem) || err.status === 0 || err.retryMs > 0;
+      const lost = !(err instanceof ResponseError) || err.retryMs > 0;
       return lost && !signal.aborted ? retryMs(err, RETRY_MS) : null;
     }
   };

@@ -2,11 +2,11 @@
 
 import { readFileSync } from "node:fs";
 import { expect, test } from "vitest";
-import { JitterBuffer } from "./buffer";
-import { viewMessage } from "./client_messages";
-import { Clock, Lateness } from "./clock";
+import { DecodeError } from "../errors.js";
+import { JitterBuffer } from "../stream/buffer.js";
+import { Clock, Lateness } from "../stream/clock.js";
+import { viewMessage } from "./client_messages.js";
 import {
-  DecodeError,
   type Encoding,
   type Layout,
   layoutOf,
@@ -18,8 +18,8 @@ import {
   readRecordHead,
   writeAdverbs,
   writeBulkAdverbs,
-} from "./decode";
-import { readText } from "./server_messages";
+} from "./decode.js";
+import { readText } from "./server_messages.js";
 
 type Rejection = "required" | "optional" | null;
 type LayoutVector = { encoding: Encoding; joints: number; record_bytes: number };

@@ -1,7 +1,9 @@
 import fc from "fast-check";
 import { Object3D, Quaternion, Vector3 } from "three";
 import { expect, test } from "vitest";
-import { poseLength, rigOf, solve, writeMatrix, yawOf } from "./fk";
+import { poseLength } from "../wire/decode.js";
+import { rigOf, solve, writeMatrix } from "./kinematics.js";
+import { heading } from "./quaternion.js";
 
 /** A random skeleton with a random pose of it: parents before children, unit quaternions. */
 const posed = fc.integer({ min: 1, max: 12 }).chain((joints) =>
@@ -45,9 +47,9 @@ function hierarchy(pose: {
 test("positions and matrices equal those of a three.js hierarchy", () => {
   fc.assert(
     fc.property(posed, ({ parents, offsets, root, rotations }) => {
-      const rig = rigOf({ names: parents.map(String), parents, offsets, tips: [] });
+      const rig = rigOf({ names: parents.map(String), parents, offsets });
       const [before, shift] = [5, Float32Array.from([1, 0, -2])];
-      const poses = new Float32Array(before + poseLength(rig));
+      const poses = new Float32Array(before + poseLength(rig.joints));
       poses.set([...root, ...rotations.flat()], before);
       const [positions, global] = [new Float32Array(3 * rig.joints), new Float32Array(4 * rig.joints)];
       solve(rig, poses, before, positions, global);
@@ -67,6 +69,6 @@ test("the heading is measured from +Z toward +X, independent of the lean", () =>
   const lean = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), 0.4);
   for (const angle of [-3, -1.2, 0, 0.7, 2.9]) {
     const turned = new Quaternion().setFromAxisAngle(new Vector3(0, 1, 0), angle).multiply(lean);
-    expect(yawOf(Float32Array.from(turned.toArray()), 0)).toBeCloseTo(angle, 5);
+    expect(heading(Float32Array.from(turned.toArray()), 0)).toBeCloseTo(angle, 5);
   }
 });

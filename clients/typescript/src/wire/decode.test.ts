@@ -2,8 +2,8 @@ import { readFileSync } from "node:fs";
 import fc from "fast-check";
 import { Quaternion } from "three";
 import { expect, test } from "vitest";
+import { DecodeError } from "../errors.js";
 import {
-  DecodeError,
   type Encoding,
   type Layout,
   layoutOf,
@@ -14,7 +14,7 @@ import {
   readPose,
   readRecordHead,
   writeAdverbs,
-} from "./decode";
+} from "./decode.js";
 
 const GOLDEN = new URL("../../../../tests/golden/pose_message.v1", import.meta.url);
 const bytes = readFileSync(`${GOLDEN.pathname}.bin`);

@@ -1,7 +1,7 @@
 import fc from "fast-check";
 import { Euler, Quaternion, Vector3 } from "three";
 import { expect, test } from "vitest";
-import { heading, multiply, rotate, slerp } from "./quaternion";
+import { heading, multiply, rotate, slerp } from "./quaternion.js";
 
 const part = fc.double({ min: -1, max: 1, noNaN: true });
 const rotation = fc

@@ -7,9 +7,9 @@
  * in 160 ms.
  */
 
-import type { Lateness } from "./clock";
-import { FLAGS, poseLength, type RecordHead } from "./decode";
-import { slerp } from "./quaternion";
+import { slerp } from "../math/quaternion.js";
+import { FLAGS, poseLength, type RecordHead } from "../wire/decode.js";
+import type { Lateness } from "./clock.js";
 
 export const FRAMES_KEPT = 48;
 /** Limits of the lateness allowance and of extrapolation, ms. */

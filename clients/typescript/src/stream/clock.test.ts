@@ -1,6 +1,6 @@
 import fc from "fast-check";
 import { expect, test } from "vitest";
-import { Clock, Lateness } from "./clock";
+import { Clock, Lateness } from "./clock.js";
 
 test("the offset error is at most half the least round trip", () => {
   const delay = fc.double({ min: 0, max: 400, noNaN: true });

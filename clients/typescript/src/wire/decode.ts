@@ -1,5 +1,7 @@
 /** Pose messages and records (docs/wire.md), read in place with bounds checks. */
 
+import { DecodeError } from "../errors.js";
+
 export const MESSAGE_HEAD_BYTES = 20;
 export const RECORD_HEAD_BYTES = 24;
 export const FLAGS = { clamped: 1, inTransition: 2, newVersion: 4, last: 8 } as const;
@@ -15,17 +17,6 @@ const Q48_STEPS = 16383;
 const Q32_STEPS = 511;
 
 export type Encoding = (typeof ENCODINGS)[number];
-
-/** Unreadable message; `at` is the offending byte. */
-export class DecodeError extends Error {
-  override readonly name = "DecodeError";
-  constructor(
-    readonly at: number,
-    problem: string,
-  ) {
-    super(`byte ${at}: ${problem}`);
-  }
-}
 
 /** Record layout of a channel, from `opened`. */
 export interface Layout {

@@ -1,8 +1,9 @@
 import { Euler, Quaternion, Vector3 } from "three";
 import { expect, test } from "vitest";
-import { DecodeError, poseLength } from "./decode";
-import { heading } from "./quaternion";
-import { alignRoot, Sequence } from "./sequence";
+import { DecodeError } from "./errors.js";
+import { heading } from "./math/quaternion.js";
+import { alignRoot, Sequence } from "./sequence.js";
+import { poseLength } from "./wire/decode.js";
 
 /** Frames of one joint, as the sequence route sends them. */
 function records(phases: readonly number[]): ArrayBuffer {

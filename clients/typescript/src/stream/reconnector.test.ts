@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { Reconnector, type Socket } from "./reconnector";
+import { Reconnector, type Socket } from "./reconnector.js";
 
 class FakeSocket implements Socket {
   binaryType: BinaryType = "blob";

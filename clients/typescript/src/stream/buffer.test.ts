@@ -1,7 +1,7 @@
 import fc from "fast-check";
 import { expect, test } from "vitest";
-import { EXTRAPOLATE_MS, FADE_MS, FRAMES_KEPT, type Frame, JitterBuffer, MOST_LATE_MS } from "./buffer";
-import { Lateness } from "./clock";
+import { EXTRAPOLATE_MS, FADE_MS, FRAMES_KEPT, type Frame, JitterBuffer, MOST_LATE_MS } from "./buffer.js";
+import { Lateness } from "./clock.js";
 
 const STEP = 1000 / 60;
 const DURATION = 2;

@@ -1,13 +1,13 @@
 /** JSON text messages of the server, with `op`. */
 
-import type { components } from "../generated/schema";
-import { DecodeError } from "./decode";
+import { DecodeError } from "../errors.js";
+import type { components } from "../generated/schema.js";
 
 export type ServerMessage = components["schemas"]["ServerMessage"];
 
 type Kind = "number" | "string" | "object" | "boolean";
 
-/** Fields used by the page; other fields and ops are ignored. */
+/** Fields that are used; other fields and ops are ignored. */
 const FIELDS: Record<string, Record<string, Kind>> = {
   hello: { session: "string", max_channels: "number" },
   opened: { channel: "number", verb: "string", joints: "object", skeleton: "object", record_bytes: "number" },

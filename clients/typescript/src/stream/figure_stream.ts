@@ -1,11 +1,12 @@
 /** Stream of one figure: its channels and its jitter buffer. */
 
-import type { Opened } from "../types";
-import { JitterBuffer } from "./buffer";
-import { Channel } from "./channel";
-import type { Lateness } from "./clock";
-import { DecodeError, FLAGS, type Layout, poseLength, type RecordHead, readPose } from "./decode";
-import type { Drawn } from "./worker_messages";
+import { DecodeError } from "../errors.js";
+import type { Opened } from "../schema.js";
+import { FLAGS, type Layout, poseLength, type RecordHead, readPose } from "../wire/decode.js";
+import { JitterBuffer } from "./buffer.js";
+import { Channel } from "./channel.js";
+import type { Lateness } from "./clock.js";
+import type { Drawn } from "./motion.js";
 
 export class FigureStream {
   readonly buffer: JitterBuffer;
@@ -95,8 +96,8 @@ export class FigureStream {
         version: head.version,
         method: opened.method,
         phase: head.phase,
-        time_s: head.timeS,
-        duration_s: head.durationS,
+        timeS: head.timeS,
+        durationS: head.durationS,
         error: head.error,
         clamped: (head.flags & FLAGS.clamped) !== 0,
         inTransition: (head.flags & FLAGS.inTransition) !== 0,

@@ -1,7 +1,8 @@
 import { createServer, type IncomingMessage, type Server } from "node:http";
 import type { AddressInfo } from "node:net";
 import { afterAll, beforeAll, expect, test } from "vitest";
-import { createRest, Problem } from "./rest";
+import { type AdverbError, UnknownName } from "../errors.js";
+import { Client } from "./client.js";
 
 const ROUTES: Record<string, { status: number; type: string; body: string }> = {
   "GET /v1/verbs": { status: 200, type: "application/json", body: '{"verbs": [{"name": "reach"}]}' },
@@ -32,19 +33,19 @@ beforeAll(async () => {
 });
 afterAll(() => void server.close());
 
-const failure = (promise: Promise<unknown>) => promise.catch((err: unknown) => err as Problem);
+const failure = (promise: Promise<unknown>) => promise.catch((err: unknown) => err as AdverbError);
 
 test("responses are unwrapped and names are escaped", async () => {
-  const rest = createRest(base);
+  const rest = new Client(base);
   expect((await rest.verbs()).map(({ name }) => name)).toEqual(["reach"]);
   expect(await rest.refinements({ verb: "reach", limit: 5 })).toEqual([]);
   expect(await rest.remove("reach")).toBeUndefined();
 });
 
 test("a problem has the code, detail, locations and known names of the response", async () => {
-  const rest = createRest(base);
+  const rest = new Client(base);
   const problem = await failure(rest.verb("a/b"));
-  expect(problem).toBeInstanceOf(Problem);
+  expect(problem).toBeInstanceOf(UnknownName);
   expect(problem).toMatchObject({ status: 404, code: "unknown_verb", known: ["reach"] });
   expect(await failure(rest.pose("reach", { adverbs: {} }))).toMatchObject({
     code: "invalid_request",
@@ -54,6 +55,6 @@ test("a problem has the code, detail, locations and known names of the response"
 });
 
 test("a missing response is a problem with code offline; an abort is not a problem", async () => {
-  expect(await failure(createRest("http://127.0.0.1:1").verbs())).toMatchObject({ status: 0, code: "offline" });
-  expect(await failure(createRest(base).verbs(AbortSignal.abort()))).toMatchObject({ name: "AbortError" });
+  expect(await failure(new Client("http://127.0.0.1:1").verbs())).toMatchObject({ status: 0, code: "offline" });
+  expect(await failure(new Client(base).verbs(AbortSignal.abort()))).toMatchObject({ name: "AbortError" });
 });

@@ -1,4 +1,4 @@
-"""Version routes: upload, list, download, activate, delete."""
+"""Version routes: upload, list, download, activate, delete; the artifact that is served."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from starlette.responses import Response
 from service.catalog.store_sync import StoreSync
 from service.compute import run_in_thread
 from service.errors import ReadOnly
-from service.http.context import caller_of, state_of
-from service.http.documented import VerbName, forms, problems
-from service.http.negotiation import JSON, OCTETS, ZIP, if_match, media_type
+from service.http.context import caller_of, served, state_of
+from service.http.documented import READING, VerbName, forms, problems
+from service.http.negotiation import JSON, OCTETS, ZIP, header, if_match, media_type
 from service.http.response_models import UploadAnswer, VersionAnswer, VersionsAnswer
 from service.state import ServerState
 from service.store.store import Version
@@ -129,6 +129,29 @@ async def download(request: Request, verb: VerbName, number: Number) -> Response
     store = _store_sync(request).store
     path = await run_in_thread(lambda: store.path(store.version(verb, number)))
     return FileResponse(path, media_type=OCTETS, filename=f"{verb}.verb")
+
+
+@router.get(
+    "/{verb}/artifact",
+    operation_id="download_artifact",
+    response_class=Response,
+    responses={**forms(OCTETS), **problems(*READING), 304: {"description": "Not modified"}},
+    summary="Download the served artifact",
+)
+async def artifact(request: Request, verb: VerbName) -> Response:
+    """Return the artifact of the version that is served, also of built-in verbs; clients evaluate it themselves.
+
+    The answer carries an `ETag`; with it as `If-None-Match` an unchanged artifact is answered 304.
+    """
+    from starlette.responses import FileResponse
+
+    path = served(request, verb)[1].path
+    stat = await run_in_thread(path.stat)
+    response = FileResponse(path, headers={"Cache-Control": "no-cache"}, media_type=OCTETS, stat_result=stat)
+    etag, known = response.headers["etag"], header(request, b"if-none-match").decode("latin-1")
+    if etag in (part.strip().removeprefix("W/") for part in known[:1_000].split(",")):
+        return Response(status_code=304, headers={"ETag": etag, "Cache-Control": "no-cache"})
+    return response
 
 
 def _store_sync(request: Request) -> StoreSync:

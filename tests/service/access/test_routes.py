@@ -23,7 +23,7 @@ ANY = {
 SCOPED = {
     "pose": {
         ("POST", "/v1/verbs/{verb}/pose"), ("POST", "/v1/verbs/{verb}/poses"), ("POST", "/v1/verbs/{verb}/sequence"),
-        ("GET", "/v1/verbs/{verb}/quality"),
+        ("GET", "/v1/verbs/{verb}/quality"), ("GET", "/v1/verbs/{verb}/artifact"),
     },
     "author": {
         ("POST", "/v1/verbs"), ("DELETE", "/v1/verbs/{verb}"), ("POST", "/v1/verbs/{verb}/examples"),

@@ -60,6 +60,18 @@ async def test_an_unchanged_description_is_not_sent_again(client):
     assert other.status_code == 200
 
 
+async def test_the_served_artifact_is_the_file(client, catalog):
+    answer = await client.get("/v1/verbs/arm3/artifact")
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "application/octet-stream"
+    assert answer.content == catalog.entry("arm3").path.read_bytes()
+    known = {"If-None-Match": f'"other", {answer.headers["etag"]}'}
+    again = await client.get("/v1/verbs/arm3/artifact", headers=known)
+    assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", answer.headers["etag"])
+    assert (await client.get("/v1/verbs/arm3/artifact", headers={"If-None-Match": '"other"'})).status_code == 200
+    assert (await client.get("/v1/verbs/none/artifact")).json()["code"] == "unknown_verb"
+
+
 async def test_health_under_both_names(client):
     for path in ("/livez", "/v2/health/live"):
         answer = await client.get(path)

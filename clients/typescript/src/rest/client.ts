@@ -129,6 +129,12 @@ export class Client {
     await this.call("delete", "/v1/verbs/{verb}", { path: { verb }, headers: ifMatch(expected) });
   }
 
+  /** The verb file that is served, for `Evaluator.load`. */
+  async verbFile(verb: string, signal?: AbortSignal): Promise<ArrayBuffer> {
+    const path = this.addressOf("/v1/verbs/{verb}/artifact", { path: { verb } });
+    return (await this.send(path, withSignal(signal))).arrayBuffer();
+  }
+
   /** Path of a version's artifact, for `download`. */
   artifact(verb: string, version: number): string {
     return `/v1/verbs/${encodeURIComponent(verb)}/versions/${version}`;

@@ -6,7 +6,7 @@
 
 import { BadRequest, UnknownName } from "../errors.js";
 import { clamp } from "../math/chart.js";
-import { type Rig, rigOf, solve } from "../math/kinematics.js";
+import { type Rig, rigOf, type Skeleton, solve } from "../math/kinematics.js";
 import { multiply } from "../math/quaternion.js";
 import { weightsAt } from "./basis.js";
 import { readContainer, verify } from "./container.js";
@@ -40,6 +40,7 @@ export interface EvaluatedPose {
   durationS: number;
   /** Root x, y, z (m), then local x, y, z, w per joint. */
   values: Float64Array;
+  skeleton: Skeleton;
 }
 
 const MAX_CYCLES = 1000;
@@ -111,7 +112,7 @@ export class Evaluator {
     const values = new Float64Array(this.poseLength);
     blendCurves(this.verb, weights, this.verb.looping ? phase % 1 : phase, this.sums, values);
     if (this.verb.strides) travel(new Walk(this.verb.strides, weights, this.verb.looping), phase, values);
-    return { weights, clamped: false, phase, timeS, durationS: clock.durationS, values };
+    return { weights, clamped: false, phase, timeS, durationS: clock.durationS, values, skeleton: this.verb.skeleton };
   }
 
   /** Seconds and phases of weights. */

@@ -1,0 +1,274 @@
+/** One character of a stream. */
+
+import { completeAdverbs, namedAdverbs } from "../adverbs.js";
+import { BadRequest } from "../errors.js";
+import { type Rig, rigOf, type Skeleton, solve } from "../math/kinematics.js";
+import type { Opened, Verb } from "../schema.js";
+import type { Encoding, Layout, RecordHead } from "../wire/decode.js";
+import type { Outgoing } from "./channel.js";
+import type { Lateness } from "./clock.js";
+import { FigureStream } from "./figure_stream.js";
+import type { Motion, Shown } from "./motion.js";
+
+/** Settings that can change at any time. */
+export interface FigureSettings {
+  /** Goal by name, in the verb's units; adverbs that are not named keep their value. */
+  adverbs?: Readonly<Record<string, number>>;
+  /** Playback speed, −10 to 10. */
+  speed?: number;
+  playing?: boolean;
+  /** Default: the verb's own. */
+  loop?: boolean;
+  /** Seek, 0 to 1. */
+  phase?: number;
+  /** Frames per second, 1 to 120. */
+  fps?: number;
+  /** Time in which half of the distance to a new goal is covered, s. */
+  halfLife?: number;
+}
+
+export interface FigureOptions extends FigureSettings {
+  /** Blending method; default: the verb's own. */
+  method?: string;
+  encoding?: Exclude<Encoding, "weights">;
+  /** Joints of the poses, in this order; default: all. */
+  joints?: readonly string[];
+  /** Rotations relative to the parent, or global. */
+  space?: "local" | "global";
+  frame?: "gltf" | "unity" | "unreal" | "zup";
+  /** Whether feet that stand are held where they landed. */
+  plant?: boolean;
+  follow?: boolean;
+  /** Whether keytimes are reported. */
+  events?: boolean;
+  /** Weight in a byte budget. */
+  priority?: number;
+}
+
+/** Displayed pose of a figure. */
+export interface Pose extends Omit<Shown, "count" | "root"> {
+  /** Root x, y, z (m), then x, y, z, w per joint; a new array for each pose. */
+  values: Float32Array;
+  skeleton: Skeleton;
+}
+
+/** What a figure needs of its stream. */
+export interface FigureHost {
+  /** Settings changed: messages are due. */
+  changed(): void;
+  send(message: string): void;
+  describe(verb: string): Promise<Verb>;
+  closed(): void;
+}
+
+const SETTINGS = ["speed", "playing", "loop", "fps", "halfLife"] as const;
+const OPEN_FIELDS = ["joints", "space", "frame", "plant", "follow", "events", "priority"] as const;
+
+export class Figure {
+  private readonly stream: FigureStream;
+  private motion: Motion;
+  private adverbs: readonly number[];
+  private rig: Rig;
+  /** Serial of the last seek that was sent. */
+  private soughtSerial = -1;
+  private before: { motion: Motion; adverbs: readonly number[]; description: Verb } | null = null;
+  /** The answer to `open` or `switch`. */
+  answered!: Promise<void>;
+  private readonly waiting: ((pose: Pose) => void)[] = [];
+  private accept: () => void = () => {};
+  /** The answer is an error. */
+  rejectAnswer: (reason: Error) => void = () => {};
+
+  /** Use `Stream.open`. */
+  constructor(
+    number: number,
+    private description: Verb,
+    options: FigureOptions,
+    lateness: Lateness,
+    private readonly host: FigureHost,
+  ) {
+    this.stream = new FigureStream(number, lateness);
+    this.stream.setTarget(1);
+    this.adverbs = completeAdverbs(description, options.adverbs ?? {});
+    this.rig = rigOf(description.skeleton);
+    const given = OPEN_FIELDS.filter((name) => options[name] !== undefined);
+    this.motion = {
+      verb: description.name,
+      method: options.method ?? "",
+      names: description.adverbs.map(({ name }) => name),
+      fps: options.fps ?? 60,
+      encoding: options.encoding ?? "f32",
+      playing: options.playing ?? true,
+      speed: options.speed ?? 1,
+      seek: { serial: 0, phase: options.phase ?? 0 },
+      options: Object.fromEntries(given.map((name) => [name, options[name]])),
+      ...(options.loop !== undefined && { loop: options.loop }),
+      ...(options.halfLife !== undefined && { halfLife: options.halfLife }),
+    };
+    this.setBuffer();
+    this.wait();
+  }
+
+  /** Description of the current verb. */
+  get verb(): Verb {
+    return this.description;
+  }
+
+  /** Answer to the last `open` or `switch`; null before the first. */
+  get info(): Opened | null {
+    return this.channel.opened;
+  }
+
+  /** Number and state on the wire. */
+  get channel() {
+    return this.stream.channels[0] as NonNullable<(typeof this.stream.channels)[0]>;
+  }
+
+  /** Current goal by name. */
+  get goal(): Record<string, number> {
+    return namedAdverbs(this.description, this.adverbs);
+  }
+
+  /** Display delay of the jitter buffer, ms. */
+  get delayMs(): number {
+    return this.stream.buffer.delayMs;
+  }
+
+  /** Change settings; changes of one turn of the event loop are sent together. */
+  set(settings: FigureSettings): void {
+    if (settings.adverbs) this.adverbs = completeAdverbs(this.description, settings.adverbs, this.adverbs);
+    const changed = SETTINGS.filter((name) => settings[name] !== undefined);
+    const { seek } = this.motion;
+    this.motion = {
+      ...this.motion,
+      ...Object.fromEntries(changed.map((name) => [name, settings[name]])),
+      seek: settings.phase === undefined ? seek : { serial: seek.serial + 1, phase: settings.phase },
+    };
+    this.setBuffer();
+    this.host.changed();
+  }
+
+  /** Change the goal; adverbs that are not named keep their value. */
+  aim(adverbs: Readonly<Record<string, number>>): void {
+    this.set({ adverbs });
+  }
+
+  /**
+   * Continue with another verb of the same joints, with a transition that keeps position and heading.
+   *
+   * @throws ChannelError code `skeleton_mismatch`: the verb has other joints
+   */
+  async switch(
+    verb: string,
+    options: { adverbs?: Readonly<Record<string, number>>; method?: string; transitionS?: number } = {},
+  ): Promise<void> {
+    const description = await this.host.describe(verb);
+    const { motion, adverbs } = this;
+    const { loop: _, transitionS: __, ...kept } = motion;
+    this.before = { motion, adverbs, description: this.description };
+    this.description = description;
+    this.adverbs = completeAdverbs(description, options.adverbs ?? {});
+    this.motion = {
+      ...kept,
+      verb,
+      method: options.method ?? "",
+      names: description.adverbs.map(({ name }) => name),
+      playing: true,
+      switches: true,
+      ...(options.transitionS !== undefined && { transitionS: options.transitionS }),
+    };
+    this.wait();
+    this.host.changed();
+    try {
+      await this.answered;
+    } catch (err) {
+      Object.assign(this, this.before);
+      throw err;
+    } finally {
+      this.before = null;
+    }
+    this.rig = rigOf(description.skeleton);
+  }
+
+  /**
+   * Pose to display at a time; null before the first frame.
+   *
+   * @param atMs as `performance.now()` and the argument of `requestAnimationFrame`
+   */
+  pose(atMs: number = performance.now()): Pose | null {
+    const drawn = this.stream.draw(performance.timeOrigin + atMs, []);
+    if (!drawn) return null;
+    const { count: _, root: __, ...shown } = drawn.shown;
+    return { ...shown, values: drawn.poses, skeleton: this.description.skeleton };
+  }
+
+  /** The first pose, when it has arrived. */
+  first(): Promise<Pose> {
+    return new Promise((done) => {
+      const pose = this.pose();
+      if (pose) done(pose);
+      else this.waiting.push(done);
+    });
+  }
+
+  /** Joint positions of a pose, 3 per joint, m. It needs all joints, and local rotations. */
+  positions(pose: Pose): Float32Array {
+    const { joints } = this.rig;
+    if (pose.values.length !== 3 + 4 * joints || this.motion.options?.space === "global")
+      throw new BadRequest(0, "bad_request", "positions need the local rotations of all joints");
+    const positions = new Float32Array(3 * joints);
+    solve(this.rig, pose.values, 0, positions, new Float32Array(4 * joints));
+    return positions;
+  }
+
+  /** Remove the figure from the stream. */
+  close(): void {
+    if (this.channel.isOpen) this.host.send(this.channel.close());
+    this.host.closed();
+  }
+
+  /** Messages toward the settings. */
+  next(nowMs: number): Outgoing[] {
+    const { channel, motion } = this;
+    const sought = this.soughtSerial === motion.seek.serial && !Number.isNaN(channel.phase);
+    const phase = sought ? Math.min(Math.max(channel.phase, 0), 1) : motion.seek.phase;
+    const messages = channel.next(motion, this.adverbs, phase, nowMs);
+    if (channel.isOpen) this.soughtSerial = motion.seek.serial;
+    return messages;
+  }
+
+  /** The server answered `open`, `switch` or `resume`. */
+  opened(opened: Opened): void {
+    this.stream.opened(this.channel, opened);
+    if (!this.channel.pending) this.accept();
+  }
+
+  record(view: DataView, at: number, layout: Layout, head: RecordHead): void {
+    this.stream.take(view, at, this.channel, layout, head);
+  }
+
+  tick(dueMs: number): void {
+    this.stream.commit(dueMs);
+    const pose = this.waiting.length > 0 ? this.pose() : null;
+    if (pose) for (const done of this.waiting.splice(0)) done(pose);
+  }
+
+  /** Another session: the server does not have the channel, and its clock is another. */
+  forget(): void {
+    this.channel.forget();
+    this.stream.reset();
+  }
+
+  private setBuffer(): void {
+    this.stream.buffer.speed = this.motion.speed;
+    this.stream.buffer.intervalMs = 1000 / this.motion.fps;
+  }
+
+  private wait(): void {
+    this.answered = new Promise((done, failed) => {
+      this.accept = done;
+      this.rejectAnswer = failed;
+    });
+    this.answered.catch(() => {}); // it is awaited where it is requested
+  }
+}

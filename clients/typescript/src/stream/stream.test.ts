@@ -1,0 +1,176 @@
+/** Messages of a stream, with a socket and a server that the test plays. */
+
+import { beforeEach, expect, test, vi } from "vitest";
+import { ChannelError, StreamClosed } from "../errors.js";
+import type { Opened, Verb } from "../schema.js";
+import { writeAdverbs, writeBulkAdverbs } from "../wire/decode.js";
+import type { Socket } from "./reconnector.js";
+import { connect, type Stream } from "./stream.js";
+
+const VERB = {
+  name: "reach",
+  version: 1,
+  adverbs: [{ name: "x" }, { name: "y" }],
+  skeleton: { names: ["Hips"], parents: [-1], offsets: [[0, 0, 0]], tips: [] },
+  domain: {
+    chart: "identity",
+    chart_axes: [0, 0, 0],
+    chart_bend: [0, 0, 0, 0],
+    shift: [1, 1],
+    scale: [2, 2],
+    middle: [0, 1],
+  },
+} as unknown as Verb;
+
+let sent: Record<string, unknown>[];
+let binary: ArrayBuffer[];
+let sockets: Socket[];
+let stream: Stream;
+
+const socket = () => sockets.at(-1) as unknown as WebSocket;
+const receive = (message: object) => socket().onmessage?.({ data: JSON.stringify(message) } as MessageEvent);
+const turn = () => new Promise((done) => setTimeout(done, 0));
+const ops = (op: string) => sent.filter((message) => message.op === op);
+
+/** The server's answer to the last `open` or `switch`. */
+function answer(fields: Partial<Opened> = {}): void {
+  const { channel, verb } = sent.filter(({ op }) => op === "open" || op === "switch").at(-1) as {
+    channel: number;
+    verb: string;
+  };
+  receive({
+    ...{
+      op: "opened",
+      channel,
+      verb,
+      version: 1,
+      method: "rbf",
+      skeleton: VERB.skeleton,
+      adverbs: [],
+      joints: ["Hips"],
+    },
+    ...{ encoding: "f32", fps: 60, looping: false, resumed: false, record_bytes: 52, ...fields },
+  });
+}
+
+function opened(): Socket {
+  const made = {
+    ...{ binaryType: "arraybuffer", onopen: null, onmessage: null, onclose: null, close: vi.fn() },
+    send: (message: string | ArrayBuffer) =>
+      void (typeof message === "string" ? sent.push(JSON.parse(message)) : binary.push(message)),
+  } as unknown as WebSocket;
+  sockets.push(made);
+  queueMicrotask(() => {
+    made.onopen?.({} as Event);
+    made.onmessage?.({
+      data: JSON.stringify({ op: "hello", session: `s${sockets.length}`, max_channels: 3 }),
+    } as MessageEvent);
+  });
+  return made;
+}
+
+beforeEach(async () => {
+  [sent, binary, sockets] = [[], [], []];
+  const fetch = async () => new Response(JSON.stringify(VERB), { headers: { "Content-Type": "application/json" } });
+  stream = await connect("http://server", { socket: opened, fetch });
+  return () => stream.close();
+});
+
+async function open(options = {}) {
+  const figure = stream.open("reach", options);
+  await vi.waitFor(() => expect(ops("open").length).toBeGreaterThan(0));
+  answer();
+  return figure;
+}
+
+test("a figure is opened with all adverbs: those that are not given are in the middle of the domain", async () => {
+  await open({ adverbs: { x: 0.3 }, plant: false, method: "rbf" });
+  expect(ops("open")).toMatchObject([
+    { channel: 0, verb: "reach", adverbs: { x: 0.3, y: 1.5 }, fps: 60, plant: false, method: "rbf", phase: 0 },
+  ]);
+  expect(ops("open")[0]).not.toHaveProperty("loop");
+});
+
+test("changes of one turn are one message of each kind", async () => {
+  const figure = await open();
+  sent.length = 0;
+  figure.aim({ x: 1 });
+  figure.set({ speed: 2, adverbs: { y: 2 } });
+  figure.set({ playing: false, phase: 0.5, speed: 3 });
+  await turn();
+  expect(sent).toEqual([{ op: "set", channel: 0, speed: 3, play: false, phase: 0.5 }]);
+  expect(binary).toEqual([writeAdverbs(0, [1, 2])]);
+});
+
+test("goals of several figures are one message", async () => {
+  const first = await open();
+  const second = stream.open("reach");
+  await vi.waitFor(() => expect(ops("open")).toHaveLength(2));
+  answer();
+  first.aim({ x: 1 });
+  (await second).aim({ x: 2 });
+  await turn();
+  const rows = [0, 1].map((channel) => ({ channel, adverbs: [channel + 1, 1.5] }));
+  expect(binary).toEqual(writeBulkAdverbs(rows));
+});
+
+test("a rejected open is an error, and its channel is free", async () => {
+  const wrong = stream.open("reach", { method: "magic" });
+  await vi.waitFor(() => expect(ops("open")).toHaveLength(1));
+  receive({ op: "error", channel: 0, code: "unknown_method", detail: "unknown method magic" });
+  await expect(wrong).rejects.toMatchObject({ code: "unknown_method", channel: 0 });
+  expect(stream.stats().channels).toBe(0);
+});
+
+test("a rejected switch keeps the verb, and the next setting is sent", async () => {
+  const figure = await open({ adverbs: { x: 0.3 } });
+  const other = figure.switch("arm3");
+  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
+  receive({ op: "error", channel: 0, code: "skeleton_mismatch", detail: "no" });
+  await expect(other).rejects.toBeInstanceOf(ChannelError);
+  expect(figure.goal).toEqual({ x: 0.3, y: 1.5 });
+  figure.set({ speed: 2 });
+  await turn();
+  expect(ops("switch")).toHaveLength(1);
+  expect(ops("set")).toEqual([{ op: "set", channel: 0, speed: 2 }]);
+});
+
+test("an error without a request is an event", async () => {
+  const figure = await open();
+  const codes: string[] = [];
+  stream.on("error", ({ code }) => codes.push(code));
+  figure.set({ fps: 500 });
+  await turn();
+  receive({ op: "error", channel: 0, code: "bad_message", detail: "fps" });
+  expect(codes).toEqual(["bad_message"]);
+});
+
+test("after another server's hello all figures are opened again, and the view is sent again", async () => {
+  const figure = await open({ adverbs: { x: 0.3 } });
+  stream.view([0, 1, 2], 500);
+  figure.aim({ x: 0.4 });
+  await turn();
+  sent.length = 0;
+  vi.useFakeTimers();
+  socket().onclose?.({ code: 1006, reason: "" } as CloseEvent);
+  await vi.advanceTimersByTimeAsync(9000);
+  vi.useRealTimers();
+  expect(ops("resume")).toMatchObject([{ session: "s1" }]);
+  receive({ op: "error", channel: null, code: "unknown_session", detail: "no" });
+  await vi.waitFor(() => expect(ops("open")).toHaveLength(1));
+  expect(ops("open")[0]).toMatchObject({ adverbs: { x: 0.4, y: 1.5 } });
+  expect(ops("view")).toEqual([{ op: "view", x: 0, y: 1, z: 2, budget_kbps: 500 }]);
+});
+
+test("a stream has a bounded number of figures, and a closed one has none", async () => {
+  for (let k = 0; k < 3; k++) {
+    const figure = stream.open("reach");
+    await vi.waitFor(() => expect(ops("open")).toHaveLength(k + 1));
+    answer();
+    await figure;
+  }
+  await expect(stream.open("reach")).rejects.toMatchObject({ code: "too_many_channels" });
+  stream.close();
+  expect(stream.connection).toBe("closed");
+  await expect(stream.open("reach")).rejects.toBeInstanceOf(StreamClosed);
+});

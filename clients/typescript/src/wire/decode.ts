@@ -118,6 +118,18 @@ export function readPose(view: DataView, at: number, layout: Layout, out: Float3
     for (let j = 0; j < layout.joints; j++) readQ32(view.getUint32(start + 12 + 4 * j, true), out, offset + 3 + 4 * j);
 }
 
+/** Read the weights of the record at a byte offset, for `Evaluator.poseOf` at the head's phase. */
+export function readWeights(view: DataView, at: number, layout: Layout): Float32Array {
+  const start = at + RECORD_HEAD_BYTES;
+  if (layout.encoding !== "weights") throw new DecodeError(at + 2, `${layout.encoding} has no weights`);
+  const count = view.getUint16(start, true);
+  if (RECORD_HEAD_BYTES + 4 + 4 * count > layout.recordBytes)
+    throw new DecodeError(start, `${count} weights do not fit into ${layout.recordBytes} bytes`);
+  const weights = Float32Array.from({ length: count }, (_, k) => view.getFloat32(start + 4 + 4 * k, true));
+  if (!weights.every(Number.isFinite)) throw new DecodeError(start + 4, "a weight is not finite");
+  return weights;
+}
+
 function readQ48(view: DataView, at: number, out: Float32Array, offset: number): void {
   const a = view.getUint16(at, true);
   const b = view.getUint16(at + 2, true);

@@ -16,6 +16,7 @@ import {
   readMessageHead,
   readPose,
   readRecordHead,
+  readWeights,
   writeAdverbs,
   writeBulkAdverbs,
 } from "./decode.js";
@@ -34,6 +35,7 @@ type RecordVector = {
   error: number | null;
   duration: number;
   root?: number[];
+  weights?: number[];
   rotations?: number[][];
 };
 type MessageVector = { name: string; hex: string; layouts: Record<string, LayoutVector> };
@@ -98,8 +100,9 @@ function readMessage(view: DataView, layouts: Map<number, Layout>) {
     const layout = layouts.get(readChannel(view, at));
     if (!layout) throw new DecodeError(at, "a record of a channel that is not open");
     const record = readRecordHead(view, at, layout);
-    const pose = new Float32Array(layout.encoding === "weights" ? 0 : poseLength(layout.joints));
-    if (layout.encoding !== "weights") readPose(view, at, layout, pose, 0);
+    const weights = layout.encoding === "weights";
+    const pose = weights ? readWeights(view, at, layout) : new Float32Array(poseLength(layout.joints));
+    if (!weights) readPose(view, at, layout, pose, 0);
     records.push({ at, record, pose });
     at += layout.recordBytes;
   }
@@ -153,6 +156,7 @@ test.each(vectors.pose_messages)("pose message: $name", (vector) => {
     const { channel, flags, version, phase, time: timeS, duration: durationS } = expected;
     expect(record).toMatchObject({ channel, flags, version, phase, timeS, durationS });
     expect(Number.isNaN(record.error) ? null : record.error).toBe(expected.error);
+    if (expected.weights) expect([...pose]).toEqual(expected.weights);
     if (!expected.root || !expected.rotations) return;
     expect([...pose.subarray(0, 3)]).toEqual(expected.root);
     expected.rotations.forEach((rotation, j) => {
@@ -163,12 +167,13 @@ test.each(vectors.pose_messages)("pose message: $name", (vector) => {
   });
 });
 
-test.each(vectors.malformed_pose_messages.filter(({ rejection }) => rejection === "required"))(
-  "malformed pose message: $name",
-  (vector) => {
-    expect(() => readMessage(viewOf(vector.hex), layoutsOf(vector)), vector.reason).toThrow(DecodeError);
-  },
+const MALFORMED = vectors.malformed_pose_messages.filter(
+  ({ name, rejection }) => rejection === "required" || name.includes("weight"),
 );
+
+test.each(MALFORMED)("malformed pose message: $name", (vector) => {
+  expect(() => readMessage(viewOf(vector.hex), layoutsOf(vector)), vector.reason).toThrow(DecodeError);
+});
 
 test.each(vectors.layouts.filter(({ rejection }) => rejection !== "optional"))(
   "layout of $joints joints as $encoding in $record_bytes bytes",

@@ -10,7 +10,7 @@ from starlette.responses import Response
 
 from service.catalog.store_sync import StoreSync
 from service.compute import run_in_thread
-from service.errors import ReadOnly
+from service.errors import ArtifactDamaged, ReadOnly
 from service.http.context import caller_of, served, state_of
 from service.http.documented import READING, VerbName, forms, problems
 from service.http.negotiation import JSON, OCTETS, ZIP, header, if_match, media_type
@@ -135,7 +135,11 @@ async def download(request: Request, verb: VerbName, number: Number) -> Response
     "/{verb}/artifact",
     operation_id="download_artifact",
     response_class=Response,
-    responses={**forms(OCTETS), **problems(*READING), 304: {"description": "Not modified"}},
+    responses={
+        **forms(OCTETS),
+        **problems(*READING, "artifact_damaged"),
+        304: {"description": "Not modified"},
+    },
     summary="Download the served artifact",
 )
 async def artifact(request: Request, verb: VerbName) -> Response:
@@ -146,7 +150,10 @@ async def artifact(request: Request, verb: VerbName) -> Response:
     from starlette.responses import FileResponse
 
     path = served(request, verb)[1].path
-    stat = await run_in_thread(path.stat)
+    try:
+        stat = await run_in_thread(path.stat)
+    except OSError as err:
+        raise ArtifactDamaged(f"the artifact of '{verb}' cannot be read: {err.strerror or err}") from err
     response = FileResponse(path, headers={"Cache-Control": "no-cache"}, media_type=OCTETS, stat_result=stat)
     etag, known = response.headers["etag"], header(request, b"if-none-match").decode("latin-1")
     if etag in (part.strip().removeprefix("W/") for part in known[:1_000].split(",")):

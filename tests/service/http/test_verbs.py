@@ -1,9 +1,12 @@
 """What the routes that look say about verbs, health and pages."""
 
 import re
+from dataclasses import replace
+from types import MappingProxyType
 
 import pytest
 
+from service.catalog.catalog import Catalog
 from service.http.routes import pages
 from tests.service.conftest import app_of, client_of
 from verbs import library
@@ -70,6 +73,14 @@ async def test_the_served_artifact_is_the_file(client, catalog):
     assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", answer.headers["etag"])
     assert (await client.get("/v1/verbs/arm3/artifact", headers={"If-None-Match": '"other"'})).status_code == 200
     assert (await client.get("/v1/verbs/none/artifact")).json()["code"] == "unknown_verb"
+
+
+async def test_a_served_artifact_that_is_gone_is_an_error(catalog, tmp_path):
+    entry = replace(catalog.entry("arm3"), path=tmp_path / "gone.verb")
+    async with client_of(app_of(Catalog(MappingProxyType({"arm3": entry}), ()))) as client:
+        answer = await client.get("/v1/verbs/arm3/artifact")
+    assert (answer.status_code, answer.json()["code"]) == (500, "artifact_damaged")
+    assert "No such file" in answer.json()["detail"]
 
 
 async def test_health_under_both_names(client):

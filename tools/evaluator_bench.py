@@ -66,7 +66,7 @@ def compare() -> str:
             row = [node[name]["weights_us"], node[name]["pose_us"], node[name]["positions_us"], batch, single]
             best[name] = [min(pair) for pair in zip(best.get(name, row), row, strict=True)]
     heads = ("verb", "weights", "pose", "joint positions", "pose, kernel in a batch", "pose, library call", "ratio")
-    rows = [heads, ("---",) + ("---:",) * 6]
+    rows: list[tuple[str, ...]] = [heads, ("---",) + ("---:",) * 6]
     for name, numbers in best.items():
         rows.append((name, *(f"{value:.1f}" for value in numbers), f"{numbers[1] / numbers[3]:.1f}"))
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)

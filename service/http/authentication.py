@@ -104,7 +104,7 @@ def _key(scope: Scope) -> str | None:
             kind, _, key = value.decode("latin-1").partition(" ")
             if found is not None or kind.lower() != "bearer":
                 return ""
-            found = key.strip()
+            found = key.strip(" \t")  # other blanks of Unicode are no part of the header's grammar
     if found is None and scope["type"] == "websocket":
         offered = [name for name in scope.get("subprotocols", ()) if name.startswith(SUBPROTOCOL)]
         found = offered[0].removeprefix(SUBPROTOCOL) if offered else None

@@ -143,6 +143,18 @@ async def test_two_headers_are_refused(client, guarded):
     assert (await client.get("/v1/verbs", headers=headers)).status_code == 401
 
 
+@pytest.mark.parametrize("blank", ["\x85", "\xa0", "\x1c"])
+async def test_only_blanks_of_the_grammar_surround_a_key(client, guarded, blank):
+    key = guarded.keys["pose"]
+    for text, statuses in (
+        (f"Bearer {blank}{key}", {400, 401}),
+        (f"Bearer {key}{blank}", {400, 401}),
+        (f"Bearer  {key}", {200}),
+    ):
+        headers = {b"authorization": text.encode("latin-1")}
+        assert (await client.get("/v1/verbs", headers=headers)).status_code in statuses
+
+
 async def test_a_key_in_the_address_is_no_key(client, guarded):
     for name in ("key", "api_key", "token", "access_token"):
         assert (await client.get("/v1/verbs", params={name: guarded.keys["admin"]})).status_code == 401

@@ -185,8 +185,9 @@ class Cutter:
         writer.write(self.rng.choice(self._parts()))
         await asyncio.sleep(self.rng.uniform(0.0, 0.5))
         if self.rng.random() < 0.5:  # reset instead of an orderly end
-            own = writer.get_extra_info("socket")
-            own.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            own = writer.get_extra_info("socket")  # None once the server has closed the connection
+            if own is not None:
+                own.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         writer.transport.abort()
 
     def _parts(self) -> list[bytes]:

@@ -222,7 +222,8 @@ class Watched:
         if not np.isfinite(record.root).all() or not np.allclose(lengths, 1.0, atol=1e-5):
             self.ledger.fault(f"stream {self.number}: root {record.root}, rotations of length {lengths.min()}")
         settled_s, goal = self._goal[number]
-        unsettled = record.flags & (CLAMPED | IN_TRANSITION) or self.ledger.now_s() - settled_s < SETTLED_S
+        # By the time of the frame: where the machine is overloaded, the newest one may be older than the goal.
+        unsettled = record.flags & (CLAMPED | IN_TRANSITION) or self.last_frame_s - settled_s < SETTLED_S
         if self._effector is None or unsettled or not self.stream.live or self.ledger.now_s() - self.last_frame_s > 1:
             return
         root, rotations = record.root.astype(np.float64), record.rotations.astype(np.float64)

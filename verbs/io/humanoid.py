@@ -1,0 +1,126 @@
+"""Bones of a humanoid by the names of our joints, and the T-pose in which VRM states rotations.
+
+Source: VRM Consortium, "VRMC_vrm-1.0", humanoid.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from verbs.conventions import F64, I64
+from verbs.kernels import quat
+from verbs.skeleton import Skeleton
+
+__all__ = ["BONES", "REQUIRED", "bones_of", "missing", "t_pose"]
+
+_CENTER = {
+    "hips": "Hips", "spine": "Spine", "chest": "Spine1", "upperChest": "Spine2", "neck": "Neck", "head": "Head",
+}  # fmt: skip
+_SIDED = {
+    "Shoulder": "Shoulder", "UpperArm": "Arm", "LowerArm": "ForeArm", "Hand": "Hand", "UpperLeg": "UpLeg",
+    "LowerLeg": "Leg", "Foot": "Foot", "Toes": "ToeBase",
+    "ThumbMetacarpal": "HandThumb1", "ThumbProximal": "HandThumb2", "ThumbDistal": "HandThumb3",
+    **{
+        f"{finger}{part}": f"Hand{name}{number}"
+        for finger, name in (("Index", "Index"), ("Middle", "Middle"), ("Ring", "Ring"), ("Little", "Pinky"))
+        for number, part in enumerate(("Proximal", "Intermediate", "Distal"), start=1)
+    },
+}  # fmt: skip
+
+BONES: dict[str, str] = _CENTER | {
+    f"{side.lower()}{bone}": f"{side}{joint}" for side in ("Left", "Right") for bone, joint in _SIDED.items()
+}
+"""Joint of each VRM bone: the names of the built-in skeleton, of the captures and of Mixamo, without a prefix.
+
+A joint that carries the VRM bone's own name is taken too. Case, spaces, ``_``, ``-`` and ``.`` do not count.
+"""
+
+REQUIRED = (
+    "hips", "spine", "head",
+    *(f"{side}{bone}" for side in ("left", "right")
+      for bone in ("UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")),
+)  # fmt: skip
+"""Bones without which a VRM humanoid is not valid."""
+
+_X = np.array([1.0, 0.0, 0.0])
+_DOWN = np.array([0.0, -1.0, 0.0])
+_STILL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def bones_of(skeleton: Skeleton) -> dict[str, int]:
+    """Joint index of each VRM bone that the skeleton has, in the order of :data:`BONES`."""
+    known = {_plain(name): joint for joint, name in reversed(list(enumerate(skeleton.names)))}
+    found = {bone: known.get(_plain(name), known.get(_plain(bone), -1)) for bone, name in BONES.items()}
+    return {bone: joint for bone, joint in found.items() if joint >= 0}
+
+
+def missing(bones: dict[str, int]) -> list[str]:
+    """Required bones that a map of bones lacks, each with the joint that would be taken."""
+    return [f"{bone} ({BONES[bone]})" for bone in REQUIRED if bone not in bones]
+
+
+def t_pose(skeleton: Skeleton, bones: dict[str, int]) -> F64:
+    """Global rotations (J, 4) that take the rest pose to a T-pose: arms along ±X, legs down, feet towards +Z.
+
+    Each arm and leg bone is turned by the smallest rotation. Feet keep their pitch. The trunk stays, and joints that
+    are no such bone turn with their parent.
+    """
+    aims: dict[int, tuple[int, F64]] = {}
+    for side, outward in (("left", _X), ("right", -_X)):
+        for bone, after, direction in (
+            ("UpperArm", "LowerArm", outward),
+            ("LowerArm", "Hand", outward),
+            ("Hand", "MiddleProximal", outward),
+            ("UpperLeg", "LowerLeg", _DOWN),
+            ("LowerLeg", "Foot", _DOWN),
+        ):
+            if f"{side}{bone}" in bones and f"{side}{after}" in bones:
+                aims[bones[f"{side}{bone}"]] = (bones[f"{side}{after}"], direction)
+    feet = {bones[f"{side}Foot"]: bones.get(f"{side}Toes", -1) for side in ("left", "right") if f"{side}Foot" in bones}
+    result = np.tile(_STILL, (len(skeleton), 1))
+    for joint, parent in enumerate(skeleton.parents.tolist()):
+        if parent >= 0:
+            result[joint] = result[parent]
+        if joint in aims:
+            child, direction = aims[joint]
+            result[joint] = _shortest(_span(skeleton.parents, skeleton.offsets, joint, child), direction)
+        elif joint in feet:
+            toes = feet[joint]
+            result[joint] = _facing(_span(skeleton.parents, skeleton.offsets, joint, toes)) if toes >= 0 else _STILL
+    return result
+
+
+def _plain(name: str) -> str:
+    """Joint name without prefix (``mixamorig:``), case and separators."""
+    return re.sub(r"[\s_.\-]", "", name.rsplit(":", 1)[-1]).lower()
+
+
+def _span(parents: I64, offsets: F64, joint: int, below: int) -> F64:
+    """Vector (3,) from a joint to one below it in the rest pose."""
+    total = np.zeros(3)
+    while below != joint and below >= 0:
+        total = total + offsets[below]
+        below = int(parents[below])
+    return total
+
+
+def _shortest(vector: F64, direction: F64) -> F64:
+    """Smallest rotation (4,) from a vector to a unit direction; none for a vector without length."""
+    length = float(np.linalg.norm(vector))
+    if length < 1e-9:
+        return _STILL
+    cosine = float(vector @ direction) / length
+    if cosine < -1.0 + 1e-9:  # half a turn, about an axis across
+        axis = np.cross(direction, [0.0, 0.0, 1.0])
+        return np.append(axis / np.linalg.norm(axis), 0.0)
+    return quat.normalize(np.append(np.cross(vector / length, direction), 1.0 + cosine))
+
+
+def _facing(vector: F64) -> F64:
+    """Rotation (4,) about +Y that turns a vector's horizontal part to +Z; none where it has no such part."""
+    if np.hypot(vector[0], vector[2]) < 1e-6:
+        return _STILL
+    half = -0.5 * np.arctan2(vector[0], vector[2])
+    return np.array([0.0, np.sin(half), 0.0, np.cos(half)])

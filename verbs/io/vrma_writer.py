@@ -1,0 +1,136 @@
+"""VRM animation writer: a motion of a humanoid as ``.vrma``, which drives any VRM avatar.
+
+A ``.vrma`` file is a ``.glb`` with a map of humanoid bones to nodes. Readers take the rest pose of its nodes as the
+T-pose, and apply rotations relative to it. Three steps bring a skeleton of any rest pose there:
+
+- The nodes rest in the T-pose of :func:`verbs.io.humanoid.t_pose`, hips at the height at which that pose stands.
+- Only joints that are humanoid bones become nodes. The rotation of one is the product of those from the bone above it
+  down, so that a joint between two bones (a second neck joint) is not lost.
+- Animated rotations are those of the motion; the rest rotations make up the difference.
+
+Source: VRM Consortium, "VRMC_vrm_animation-1.0".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from verbs.conventions import F64
+from verbs.errors import MotionFileError
+from verbs.io.files import write_atomically
+from verbs.io.glb import GlbBuilder, Row
+from verbs.io.gltf_writer import add_animation
+from verbs.io.humanoid import bones_of, missing, t_pose
+from verbs.kernels import fk, quat
+from verbs.motion import Motion
+from verbs.skeleton import Skeleton
+
+__all__ = ["dump", "write"]
+
+EXTENSION = "VRMC_vrm_animation"
+
+
+def dump(motion: Motion, *, name: str = "motion", extras: Mapping[str, Any] | None = None) -> bytes:
+    """Bytes of a ``.vrma`` file; equal arguments give equal bytes.
+
+    Parameters
+    ----------
+    motion : Motion
+        Its joints are named as in :data:`verbs.io.humanoid.BONES`.
+    name : str
+        Name of the animation.
+    extras : mapping, optional
+        JSON values for ``asset.extras``; the rate is added as ``fps``.
+
+    Raises
+    ------
+    MotionFileError
+        The skeleton lacks a bone that a VRM humanoid must have; all of these are named. Or its hips are not the root.
+    """
+    skeleton = motion.skeleton
+    bones = bones_of(skeleton)
+    lacking = missing(bones)
+    if lacking:
+        raise MotionFileError("<vrma>", None, "a humanoid skeleton", f"no joint for {', '.join(lacking)}")
+    if bones["hips"] != 0:
+        raise MotionFileError("<vrma>", None, "the hips as the root", f"the root '{skeleton.names[0]:.60}'")
+    order = sorted(bones.items(), key=lambda row: row[1])
+    joints = [joint for _, joint in order]
+    above = _bones_above(skeleton.parents.tolist(), joints)
+    turned = t_pose(skeleton, bones)
+    rest = _rest_places(skeleton, turned)
+    builder = GlbBuilder({**(extras or {}), "fps": motion.fps})
+    _add_nodes(builder, [skeleton.names[joint] for joint in joints], above, rest[joints], turned[joints])
+    builder.add("scenes", {"nodes": [0]})
+    human = {bone: {"node": k} for k, (bone, _) in enumerate(order)}
+    builder.table |= {
+        "scene": 0,
+        "extensionsUsed": [EXTENSION],
+        "extensions": {EXTENSION: {"specVersion": "1.0", "humanoid": {"humanBones": human}}},
+    }
+    add_animation(builder, name, motion.fps, motion.root, _between(motion, joints, above))
+    return builder.content()
+
+
+def write(motion: Motion, path: str | Path, *, name: str = "motion", extras: Mapping[str, Any] | None = None) -> None:
+    """Write a motion to a ``.vrma`` file, atomically; the parameters are those of :func:`dump`.
+
+    Raises
+    ------
+    MotionFileError
+        The file cannot be written; and what :func:`dump` raises.
+    """
+    write_atomically(path, dump(motion, name=name, extras=extras))
+
+
+def _add_nodes(builder: GlbBuilder, names: list[str], above: list[int], places: F64, turned: F64) -> None:
+    """Nodes of N joints that rest at global positions (N, 3) and rotations (N, 4)."""
+    for k, (name, parent) in enumerate(zip(names, above, strict=True)):
+        place, turn = places[k], turned[k]
+        if parent >= 0:
+            back = quat.conjugate(turned[parent])
+            place, turn = quat.rotate(back, place - places[parent]), quat.mul(back, turn)
+        row: Row = {"name": name, "translation": place.tolist(), "rotation": turn.tolist()}
+        children = [child for child, other in enumerate(above) if other == k]
+        builder.add("nodes", row | ({"children": children} if children else {}))
+
+
+def _bones_above(parents: list[int], joints: list[int]) -> list[int]:
+    """For each joint of a list, the place in the list of the next joint above it; -1 for the root."""
+    place = {joint: k for k, joint in enumerate(joints)}
+    above = []
+    for joint in joints:
+        parent = parents[joint]
+        while parent >= 0 and parent not in place:
+            parent = parents[parent]
+        above.append(place.get(parent, -1))
+    return above
+
+
+def _rest_places(skeleton: Skeleton, turned: F64) -> F64:
+    """Positions (J, 3) of the joints in the T-pose that stands on the ground."""
+    parents = skeleton.parents
+    local = turned.copy()
+    local[1:] = quat.mul(quat.conjugate(turned[parents[1:]]), turned[1:])
+    places = fk.forward(np.zeros((1, 3)), local[None], parents, skeleton.offsets)[1][0]
+    tips = places[skeleton.tip_parents] + quat.rotate(turned[skeleton.tip_parents], skeleton.tip_offsets)
+    lowest = float(np.concatenate([places, tips])[:, 1].min())
+    return np.asarray(places - [0.0, lowest, 0.0])
+
+
+def _between(motion: Motion, joints: list[int], above: list[int]) -> F64:
+    """Rotations (F, N, 4) of joints relative to the joint of the list above each."""
+    parents = motion.skeleton.parents.tolist()
+    found = np.empty((len(motion), len(joints), 4))
+    for k, joint in enumerate(joints):
+        stop = joints[above[k]] if above[k] >= 0 else -1
+        total, step = motion.rotations[:, joint], parents[joint]
+        while step not in (stop, -1):
+            total = quat.mul(motion.rotations[:, step], total)
+            step = parents[step]
+        found[:, k] = total
+    return found

@@ -15,7 +15,7 @@ from verbs.cli import app, run
 from verbs.cli.options import METHODS as HELP_METHODS
 from verbs.cli.options import open_verb, parse_at
 from verbs.errors import MotionFileError, OutOfRange, RequestError, UnknownName
-from verbs.io import bvh
+from verbs.io import bvh, motion_files
 
 FIELDS = {
     "error_mean_m", "error_max_m", "error_mean_pct", "error_max_pct", "smoothness", "smoothness_max", "precompute_s",
@@ -108,6 +108,31 @@ def test_the_ending_of_a_file_names_its_format(tmp_path):
         assert (tmp_path / name).read_text().startswith("HIERARCHY")
 
 
+@pytest.mark.parametrize("name", ["m.glb", "M.GLB", "m.npz", "m"])
+def test_every_format_is_exported_and_reads_back(name, tmp_path):
+    form = ("--format", "glb") if name == "m" else ()
+    call("export", "arm3", *AT, "-o", tmp_path / "m.bvh")
+    call("export", "arm3", *AT, "-o", tmp_path / name, *form)
+    if name == "m":
+        (tmp_path / name).rename(tmp_path / "n.glb")
+        name = "n.glb"
+    found, expected = (motion_files.read(tmp_path / each).motion for each in (name, "m.bvh"))
+    assert found.skeleton.names == expected.skeleton.names
+    np.testing.assert_allclose(found.root, expected.root, atol=1e-6)
+    np.testing.assert_allclose(np.abs((found.rotations * expected.rotations).sum(axis=-1)), 1.0, atol=1e-6)
+
+
+def test_a_glb_has_a_body_unless_it_is_left_out(tmp_path):
+    call("export", "reach", "--at", "x=-0.3,y=1.2,z=0.4", "-o", tmp_path / "body.glb")
+    call("export", "reach", "--at", "x=-0.3,y=1.2,z=0.4", "-o", tmp_path / "bones.glb", "--no-mannequin")
+    assert b'"name":"Mannequin"' in (tmp_path / "body.glb").read_bytes()
+    assert b'"name":"Mannequin"' not in (tmp_path / "bones.glb").read_bytes()
+    assert (
+        b'"extras":{"verb":"reach","adverbs":{"x":-0.3,"y":1.2,"z":0.4},"fps":30.0}'
+        in (tmp_path / "bones.glb").read_bytes()
+    )
+
+
 def test_errors_have_a_prefix_for_people_and_si_in_json(tmp_path):
     shown = call("measure", "arm3", "--method", "rbf", "--grid", "5").stdout
     row = json.loads(call("measure", "arm3", "--method", "rbf", "--grid", "5", "--json").stdout)["methods"]["rbf"]
@@ -131,7 +156,7 @@ def test_export_writes_a_motion_that_reaches_the_goal(tmp_path):
         (["pose", "arm3", "--at", "x=0.1,y=0.1", "--method", "magic"], UnknownName, "unknown method 'magic'"),
         (["export", "arm3", *AT, "-o", "m", "--format", "fbx"], RequestError, "'fbx' is not supported; known: bvh"),
         (["export", "arm3", *AT, "-o", "m.fbx"], RequestError, "format 'fbx' is not supported; known: bvh"),
-        (["export", "arm3", *AT, "-o", "m.GLB"], RequestError, "format 'glb' is not supported; known: bvh"),
+        (["export", "arm3", *AT, "-o", "m.vrma"], RequestError, r"no VRM humanoid: it has no joint for hips \(Hips\)"),
         (["export", "arm3", *AT, "-o", "m.fbx", "--format", "bvh"], RequestError, "ends in .fbx, but --format is bvh"),
         (["export", "arm3", *AT, "-o", "."], RequestError, "is a folder"),
         (["export", "arm3", *AT, "-o", "no/folder/m.bvh"], MotionFileError, "no/folder/m.bvh"),

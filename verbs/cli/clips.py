@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 __all__ = ["mirror_command", "resample_command", "trim_command"]
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A motion file: .bvh, .glb, .gltf, .npz.")]
-Output = Annotated[Path, typer.Option("-o", "--output", help="File to write: .bvh, in the unit of the input, or .npz.")]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", help="File to write: .bvh in the unit of the input, .glb, .npz, ….")
+]
 Unit = Annotated[str, typer.Option("--unit", help="Unit of length of a file: m, cm, mm, …")]
 
 

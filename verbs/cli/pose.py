@@ -15,7 +15,7 @@ from verbs.units import quantity
 
 __all__ = ["FORMATS", "export_command", "pose_command"]
 
-FORMATS = ("bvh",)
+FORMATS = ("bvh", "glb", "vrma", "npz", "usd")
 """Formats of exported motions, by the ending of their files."""
 
 
@@ -58,18 +58,19 @@ def pose_command(
     out.print(f"measured {measured or 'nothing'}; error {error}; support {record['support']:.2f}{clamped}")
 
 
-def _check_format(output: Path, form: str | None) -> None:
-    """Refuse a file that cannot be written, or whose ending and format are not one that is supported."""
+def _checked_format(output: Path, form: str | None) -> str:
+    """Format of a file; refuses one that cannot be written, or whose ending and format are not supported together."""
     ending = output.suffix.removeprefix(".").lower()
-    chosen = form or ending or FORMATS[0]
+    chosen = form or {"usda": "usd"}.get(ending, ending) or FORMATS[0]
     if chosen not in FORMATS:
         raise RequestError(f"format '{chosen}' is not supported; known: {', '.join(FORMATS)}")
-    if ending and ending != chosen:
+    if ending not in ("", chosen) and (ending, chosen) != ("usda", "usd"):
         raise RequestError(
             f"{output.name} ends in .{ending}, but --format is {chosen}; leave one out. Known: {', '.join(FORMATS)}"
         )
     if output.is_dir():
         raise RequestError(f"{output} is a folder; name a file to write")
+    return chosen
 
 
 def export_command(
@@ -77,24 +78,34 @@ def export_command(
     at: At,
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")],
     form: Annotated[
-        str | None, typer.Option("--format", help="bvh, the only one so far. [default: the ending of the file]")
+        str | None,
+        typer.Option("--format", help=f"One of {', '.join(FORMATS)}. [default: the ending of the file]"),
     ] = None,
     fps: Annotated[float, typer.Option(min=1, max=240, help="Frames per second.")] = 30.0,
     cycles: Annotated[int, typer.Option(min=1, max=100, help="Cycles of a looping verb.")] = 1,
     method: MethodOption = None,
     plant: Plant = True,
+    mannequin: Annotated[
+        bool, typer.Option("--mannequin/--no-mannequin", help="Add a simple body to the skeleton of a glb file.")
+    ] = True,
 ) -> None:
-    """Write a whole motion to a file, in metres and degrees.
+    """Write a whole motion to a file in metres: BVH, glTF (glb), VRM animation (vrma), NumPy (npz) or USD.
 
-    Example: [bold]adverb export reach --at x=-0.3,y=1.2,z=0.4 -o reach.bvh[/]
+    A VRM animation needs a humanoid skeleton. USD needs usd-core, which the extra "usd" installs.
+
+    Example: [bold]adverb export reach --at x=-0.3,y=1.2,z=0.4 -o reach.glb[/]
     """
-    from verbs.io import bvh
+    from verbs.io import motion_files
+    from verbs.io.files import write_atomically
     from verbs.runtime import sequence
     from verbs.runtime.evaluate import Evaluator
 
-    _check_format(output, form)
+    chosen = _checked_format(output, form)
     evaluator = Evaluator(open_verb(verb))
-    adverbs = evaluator.adverbs(parse_at(at))
-    poses = sequence.sequence(evaluator, adverbs, fps, cycles=cycles, method=method, plant=plant)
-    bvh.write(sequence.to_motion(evaluator, poses, fps), output)
-    err.print(f"{plain(str(output))}: {len(poses.root)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s")
+    goal = parse_at(at)
+    poses = sequence.sequence(evaluator, evaluator.adverbs(goal), fps, cycles=cycles, method=method, plant=plant)
+    motion = sequence.to_motion(evaluator, poses, fps)
+    name = evaluator.verb.name
+    extras = {"verb": name, "adverbs": goal}
+    write_atomically(output, motion_files.dump(motion, chosen, mannequin=mannequin, name=name, extras=extras))
+    err.print(f"{plain(str(output))}: {len(motion)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s")

@@ -10,7 +10,6 @@ Source: Khronos, "glTF 2.0 Specification".
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,13 +17,12 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.errors import MotionFileError
 from verbs.io import mannequin as figure
-from verbs.io.files import write_atomically
 from verbs.io.glb import ELEMENT_ARRAY, VERTEX_ARRAY, GlbBuilder, Row
 from verbs.kernels import quat
 from verbs.motion import Motion
 from verbs.skeleton import Skeleton
 
-__all__ = ["add_animation", "dump", "write"]
+__all__ = ["add_animation", "dump"]
 
 _MATERIAL: Row = {
     "name": "Mannequin",
@@ -71,24 +69,6 @@ def dump(
     builder.table["scene"] = 0
     add_animation(builder, name, motion.fps, motion.root, motion.rotations)
     return builder.content()
-
-
-def write(
-    motion: Motion,
-    path: str | Path,
-    *,
-    mannequin: bool = True,
-    name: str = "motion",
-    extras: Mapping[str, Any] | None = None,
-) -> None:
-    """Write a motion to a ``.glb`` file, atomically; the parameters are those of :func:`dump`.
-
-    Raises
-    ------
-    MotionFileError
-        The file cannot be written; and what :func:`dump` raises.
-    """
-    write_atomically(path, dump(motion, mannequin=mannequin, name=name, extras=extras))
 
 
 def add_animation(

@@ -1,13 +1,15 @@
-"""Read motion files of every format, and write those of some, by their endings."""
+"""Read and write motion files of every format, by their endings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from verbs.conventions import METRES_PER_UNIT
 from verbs.errors import MotionFileError, UnknownName
-from verbs.io import bvh, gltf, npz
+from verbs.io import bvh, gltf, gltf_writer, npz, usd_writer, vrma_writer
+from verbs.io.files import write_atomically
 from verbs.io.joint_tracks import STRETCH_M
 from verbs.io.report import CHANGES, Folded, Marks, MotionFile, Note, NoteKind, Report
 from verbs.motion import Motion
@@ -23,6 +25,7 @@ __all__ = [
     "NoteKind",
     "Report",
     "clip_names",
+    "dump",
     "read",
     "write",
 ]
@@ -54,8 +57,8 @@ _READERS: dict[str, Callable[[Path, str, str | None, float, str | int | None], M
 ENDINGS = tuple(_READERS)
 """Endings of the files that :func:`read` takes, in lower case."""
 
-WRITTEN = (".bvh", ".npz")
-"""Endings of the files that :func:`write` makes."""
+WRITTEN = {".bvh": "bvh", ".glb": "glb", ".vrma": "vrma", ".npz": "npz", ".usd": "usd", ".usda": "usd"}
+"""Endings of the files that :func:`write` makes, and their formats, which :func:`dump` takes."""
 
 
 def read(
@@ -104,28 +107,76 @@ def read(
     return reader(path, unit, root, stretch_m, clip)
 
 
-def write(motion: Motion, path: str | Path, *, unit: str = "m") -> None:
-    """Write a motion in the format of the file's ending, one of :data:`WRITTEN`, atomically.
+def dump(
+    motion: Motion,
+    form: str,
+    *,
+    unit: str = "m",
+    mannequin: bool = True,
+    name: str = "motion",
+    extras: Mapping[str, Any] | None = None,
+) -> bytes:
+    """Bytes of a motion file; equal arguments give equal bytes.
 
     Parameters
     ----------
     motion : Motion
-    path : str or Path
+    form : str
+        One of the formats of :data:`WRITTEN`.
     unit : str
-        Unit of length of a BVH file; npz files are always in metres.
+        Unit of length of BVH; the other formats are in metres.
+    mannequin : bool
+        Whether glb has a skinned body beside the skeleton.
+    name : str
+        Name of the animation in glb, vrma and usd.
+    extras : mapping, optional
+        JSON values about the motion, kept in glb, vrma and usd.
+
+    Raises
+    ------
+    UnknownName
+        The format is not known.
+    RequestError
+        The skeleton is no humanoid (vrma), or the extra ``usd`` is not installed.
+    OutOfRange, MotionFileError
+        The format cannot hold the rate or a joint's name.
+    """
+    match form:
+        case "bvh":
+            return bvh.dump(motion.scaled(1.0 / METRES_PER_UNIT[unit]), decimals=8).encode()
+        case "glb":
+            return gltf_writer.dump(motion, mannequin=mannequin, name=name, extras=extras)
+        case "vrma":
+            return vrma_writer.dump(motion, name=name, extras=extras)
+        case "npz":
+            return npz.dump(motion)
+        case "usd":
+            return usd_writer.dump(motion, name=name, extras=extras)
+    raise UnknownName("format", form, dict.fromkeys(WRITTEN.values()))
+
+
+def write(
+    motion: Motion,
+    path: str | Path,
+    *,
+    unit: str = "m",
+    mannequin: bool = True,
+    name: str = "motion",
+    extras: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a motion in the format of the file's ending, one of :data:`WRITTEN`, atomically.
+
+    The other parameters and errors are those of :func:`dump`.
 
     Raises
     ------
     MotionFileError
         The ending is not one of those, or the file cannot be written.
     """
-    ending = Path(path).suffix.lower()
-    if ending == ".bvh":
-        bvh.write(motion.scaled(1.0 / METRES_PER_UNIT[unit]), path, decimals=8)
-    elif ending == ".npz":
-        npz.write(motion, path)
-    else:
+    form = WRITTEN.get(Path(path).suffix.lower())
+    if form is None:
         raise MotionFileError(path, None, f"a name that ends in {' or '.join(WRITTEN)}", f"'{Path(path).name:.60}'")
+    write_atomically(path, dump(motion, form, unit=unit, mannequin=mannequin, name=name, extras=extras))
 
 
 def clip_names(path: str | Path) -> tuple[str, ...]:

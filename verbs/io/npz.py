@@ -43,7 +43,7 @@ from verbs.kernels import quat
 from verbs.motion import Motion
 from verbs.skeleton import Skeleton
 
-__all__ = ["read_file", "write"]
+__all__ = ["dump", "read_file", "write"]
 
 MAX_MEMBERS = 1_000
 MAX_NAME = 200
@@ -76,6 +76,11 @@ def write(motion: Motion, path: str | Path, *, contacts: Marks | None = None) ->
     MotionFileError
         The file cannot be written.
     """
+    write_atomically(path, dump(motion, contacts=contacts))
+
+
+def dump(motion: Motion, *, contacts: Marks | None = None) -> bytes:
+    """Bytes of an ``.npz`` file; the parameters are those of :func:`write`."""
     skeleton = motion.skeleton
     arrays: dict[str, Array] = {
         "joint_names": np.array(skeleton.names),
@@ -95,7 +100,7 @@ def write(motion: Motion, path: str | Path, *, contacts: Marks | None = None) ->
             part = io.BytesIO()
             np.lib.format.write_array(part, np.ascontiguousarray(array), allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), part.getvalue(), zipfile.ZIP_DEFLATED)
-    write_atomically(path, content.getvalue())
+    return content.getvalue()
 
 
 def read_file(

@@ -14,14 +14,12 @@ Source: VRM Consortium, "VRMC_vrm_animation-1.0".
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from verbs.conventions import F64
-from verbs.errors import MotionFileError
-from verbs.io.files import write_atomically
+from verbs.errors import RequestError
 from verbs.io.glb import GlbBuilder, Row
 from verbs.io.gltf_writer import add_animation
 from verbs.io.humanoid import bones_of, missing, t_pose
@@ -29,7 +27,7 @@ from verbs.kernels import fk, quat
 from verbs.motion import Motion
 from verbs.skeleton import Skeleton
 
-__all__ = ["dump", "write"]
+__all__ = ["dump"]
 
 EXTENSION = "VRMC_vrm_animation"
 
@@ -48,16 +46,16 @@ def dump(motion: Motion, *, name: str = "motion", extras: Mapping[str, Any] | No
 
     Raises
     ------
-    MotionFileError
+    RequestError
         The skeleton lacks a bone that a VRM humanoid must have; all of these are named. Or its hips are not the root.
     """
     skeleton = motion.skeleton
     bones = bones_of(skeleton)
     lacking = missing(bones)
     if lacking:
-        raise MotionFileError("<vrma>", None, "a humanoid skeleton", f"no joint for {', '.join(lacking)}")
+        raise RequestError(f"the skeleton is no VRM humanoid: it has no joint for {', '.join(lacking)}")
     if bones["hips"] != 0:
-        raise MotionFileError("<vrma>", None, "the hips as the root", f"the root '{skeleton.names[0]:.60}'")
+        raise RequestError(f"the hips of a VRM humanoid are its root, which is '{skeleton.names[0]:.60}' here")
     order = sorted(bones.items(), key=lambda row: row[1])
     joints = [joint for _, joint in order]
     above = _bones_above(skeleton.parents.tolist(), joints)
@@ -74,17 +72,6 @@ def dump(motion: Motion, *, name: str = "motion", extras: Mapping[str, Any] | No
     }
     add_animation(builder, name, motion.fps, motion.root, _between(motion, joints, above))
     return builder.content()
-
-
-def write(motion: Motion, path: str | Path, *, name: str = "motion", extras: Mapping[str, Any] | None = None) -> None:
-    """Write a motion to a ``.vrma`` file, atomically; the parameters are those of :func:`dump`.
-
-    Raises
-    ------
-    MotionFileError
-        The file cannot be written; and what :func:`dump` raises.
-    """
-    write_atomically(path, dump(motion, name=name, extras=extras))
 
 
 def _add_nodes(builder: GlbBuilder, names: list[str], above: list[int], places: F64, turned: F64) -> None:

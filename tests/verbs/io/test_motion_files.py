@@ -9,6 +9,7 @@ import pytest
 
 from tests.verbs import clip_files
 from tests.verbs.gltf_files import body_file
+from verbs.cli.pose import FORMATS
 from verbs.errors import MotionFileError, UnknownName
 from verbs.io import bvh, motion_files, npz
 from verbs.io.files import file_content
@@ -72,3 +73,24 @@ def test_every_format_is_read_by_its_ending(name, tmp_path):
     assert file.motion.skeleton.names[0] == "Hips"
     with pytest.raises(MotionFileError, match="clip 'run'|animation 'run'"):
         motion_files.read(tmp_path / name, clip="run")
+
+
+@pytest.mark.parametrize("ending", [".bvh", ".glb", ".npz"])
+def test_every_format_that_is_written_and_read_keeps_the_motion(ending, tmp_path):
+    motion = clip_files.walk()
+    motion_files.write(motion, tmp_path / f"a{ending}")
+    found = motion_files.read(tmp_path / f"a{ending}").motion
+    assert found.skeleton.names == motion.skeleton.names
+    np.testing.assert_allclose(found.root, motion.root, atol=1e-6)
+    np.testing.assert_allclose(np.abs((found.rotations * motion.rotations).sum(axis=-1)), 1.0, atol=1e-6)
+
+
+def test_the_formats_of_the_command_are_those_that_are_written():
+    assert tuple(dict.fromkeys(motion_files.WRITTEN.values())) == FORMATS
+
+
+def test_another_ending_is_not_written(tmp_path):
+    with pytest.raises(MotionFileError, match=r"ends in \.bvh or \.glb or"):
+        motion_files.write(clip_files.walk(), tmp_path / "a.fbx")
+    with pytest.raises(UnknownName, match="unknown format 'fbx'; known: bvh, glb, vrma, npz, usd"):
+        motion_files.dump(clip_files.walk(), "fbx")

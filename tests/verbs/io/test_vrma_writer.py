@@ -5,7 +5,7 @@ import pytest
 
 from tests.verbs.gltf_files import random_rotations
 from tests.verbs.io.test_gltf_writer import motion_of, table_of
-from verbs.errors import MotionFileError
+from verbs.errors import RequestError
 from verbs.io import gltf, humanoid, vrma_writer
 from verbs.kernels import fk, quat
 from verbs.motion import Motion
@@ -142,7 +142,7 @@ def test_a_joint_between_two_bones_is_not_lost(tmp_path):
 
 
 def test_a_skeleton_that_is_no_humanoid_is_refused_with_the_bones_it_lacks():
-    with pytest.raises(MotionFileError, match=r"no joint for hips \(Hips\), spine \(Spine\).*rightFoot \(RightFoot\)"):
+    with pytest.raises(RequestError, match=r"no joint for hips \(Hips\), spine \(Spine\).*rightFoot \(RightFoot\)"):
         vrma_writer.dump(motion_of("arm3"))
     walker = motion_of("walk").skeleton
     assert "hips (Hips)" in humanoid.missing(humanoid.bones_of(walker))

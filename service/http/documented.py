@@ -8,7 +8,7 @@ from fastapi import Path
 from pydantic import BaseModel
 
 from service.errors import MEDIA_TYPE, PROBLEMS
-from service.http.negotiation import JSON, OCTETS
+from service.http.negotiation import JSON
 
 __all__ = ["EVALUATING", "READING", "VerbName", "body", "forms", "problems"]
 
@@ -58,4 +58,4 @@ _PROBLEM = {"$ref": "#/components/schemas/ProblemAnswer"}
 
 
 def _schema(form: str) -> dict[str, str]:
-    return {"type": "string", "format": "binary"} if form == OCTETS else {"type": "string"}
+    return {"type": "string"} if form.startswith("text/") else {"type": "string", "format": "binary"}

@@ -16,8 +16,12 @@ from verbs.errors import RequestError
 
 __all__ = [
     "BVH",
+    "FILES",
+    "GLB",
     "JSON",
+    "NPZ",
     "OCTETS",
+    "VRMA",
     "ZIP",
     "accepted",
     "header",
@@ -29,7 +33,11 @@ __all__ = [
 ]
 
 JSON, OCTETS, BVH = "application/json", "application/octet-stream", "text/x-bvh"
+GLB, VRMA, NPZ = "model/gltf-binary", "application/x-vrma", "application/x-npz"
 ZIP = "application/zip"
+
+FILES = {BVH: "bvh", GLB: "glb", VRMA: "vrma", NPZ: "npz"}
+"""Media types of motion files, with their format. No type is registered for VRM animations and NumPy archives."""
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -153,6 +153,9 @@ class SequenceRequest(Options):
     ] = None
     fps: Annotated[float, Field(ge=1, le=MAX_FPS, description="Frames per second.")] = 30.0
     cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES, description="Cycles of a looping verb.")] = 1
+    mannequin: Annotated[
+        bool, Field(description="Of `model/gltf-binary`: whether to add a simple body, which a plain viewer shows.")
+    ] = False
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:

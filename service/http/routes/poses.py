@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from service import wire
+from service.catalog.catalog import Entry
 from service.fields import Name, Space
 from service.http import evaluation, response_json
 from service.http.context import served, trace_of
 from service.http.direct import Direct, Whole
 from service.http.documented import EVALUATING, VerbName, body, forms, problems
-from service.http.negotiation import BVH, JSON, OCTETS, accepted, media_type, read, read_model, sliced
+from service.http.negotiation import FILES, JSON, OCTETS, accepted, media_type, read, read_model, sliced
 from service.http.request_models import BatchRequest, PoseRequest, SequenceRequest
+from service.http.response_json import Motion
 from service.http.response_models import PoseAnswer, PosesAnswer, SequenceAnswer
+from service.state import ServerState
 from verbs.errors import RequestError
-from verbs.io import bvh
+from verbs.io import motion_files
 from verbs.runtime import sequence as sequences
 
 __all__ = ["router"]
 
 router = APIRouter(prefix="/v1/verbs/{verb}", tags=["poses"])
+_FILE_US = 2_000.0
+"""Least time to write a motion file, µs."""
+
 direct = APIRouter(prefix=router.prefix, tags=["poses"], route_class=Direct)
 
 
@@ -98,7 +104,7 @@ async def poses(
     "/sequence",
     operation_id="sequence",
     response_model=SequenceAnswer,
-    responses={**forms(OCTETS, BVH), **problems(*EVALUATING)},
+    responses={**forms(OCTETS, *FILES), **problems(*EVALUATING)},
     openapi_extra=body(SequenceRequest),
     summary="A whole motion",
 )
@@ -106,27 +112,42 @@ async def sequence(request: Request, verb: VerbName) -> Response:
     """Evaluate a whole motion at `fps` frames per second, at constant adverbs or along a track of them.
 
     Frames stand at 0, 1/fps, … up to the last one that is not past the end. As `application/octet-stream` the answer
-    is one binary record per frame, channel 0, the last one flagged; as `text/x-bvh` it is a file in metres and degrees,
-    always of all joints.
+    is one binary record per frame, channel 0, the last one flagged. Files hold all joints, in metres: `text/x-bvh`,
+    `model/gltf-binary` (glTF), `application/x-vrma` (a VRM animation, of humanoids) and `application/x-npz`.
     """
     state, entry = served(request, verb)
-    form = accepted(request, JSON, OCTETS, BVH)
+    form = accepted(request, JSON, OCTETS, *FILES)
     content = await read_model(request, SequenceRequest)
     entry = await state.version(entry, content.version)
-    if form == BVH and (content.joints is not None or content.space != "local"):
-        raise RequestError("BVH holds local rotations of all joints; leave 'joints' and 'space' out")
+    if form in FILES and (content.joints is not None or content.space != "local"):
+        raise RequestError(f"a {FILES[form]} file holds all joints, local; leave 'joints' and 'space' out")
     motion = await evaluation.sequence(state, entry, content, support=form == JSON or content.support)
     track = [point.adverbs for point in content.track or ()]
     state.record_usage(entry, content.adverbs or track, motion.frames.poses.blend, rows=len(track) or 1)
     trace_of(request).method = motion.frames.poses.blend.method
     if form == OCTETS:
         return Response(await evaluation.records(state, entry, motion.frames, crowd=False), media_type=OCTETS)
-    if form == BVH:
-        whole = sequences.to_motion(entry.evaluator, motion.frames.poses, motion.fps)
-        text = await state.pool.run(25.0 * len(whole), lambda: bvh.dump(whole))
-        name = f'attachment; filename="{entry.verb.name}.bvh"'
-        return Response(text, headers={"content-type": f"{BVH}; charset=utf-8", "content-disposition": name})
+    if form in FILES:
+        return await _motion_file(state, entry, content, motion, form)
     return sliced(response_json.sequence_json(entry, motion, weights=content.weights))
+
+
+async def _motion_file(
+    state: ServerState, entry: Entry, content: SequenceRequest, motion: Motion, form: str
+) -> Response:
+    """A motion as a file of a media type of :data:`FILES`, written in a thread."""
+    whole = sequences.to_motion(entry.evaluator, motion.frames.poses, motion.fps)
+    name = entry.verb.name
+    extras: dict[str, Any] = {"verb": name, "version": entry.version}
+    extras |= {"adverbs": content.adverbs} if content.adverbs is not None else {}
+
+    def work() -> bytes:
+        return motion_files.dump(whole, FILES[form], mannequin=content.mannequin, name=name, extras=extras)
+
+    file = await state.pool.run(_FILE_US + 1.0 * whole.rotations.size, work)
+    charset = "; charset=utf-8" if form.startswith("text/") else ""
+    disposition = f'attachment; filename="{name}.{FILES[form]}"'
+    return Response(file, headers={"content-type": form + charset, "content-disposition": disposition})
 
 
 router.routes[:0] = direct.routes

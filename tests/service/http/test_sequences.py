@@ -1,13 +1,17 @@
 """Whole motions: frames, tracks, events; over the wire and in the library."""
 
+import json
+import struct
+
 import numpy as np
 import pytest
 
 from service import wire
+from service.http.negotiation import FILES
 from tests.service.conftest import ARM, SWAY, app_of, client_of
 from tests.service.records import records_of
 from verbs.errors import OutOfRange, RequestError
-from verbs.io import bvh
+from verbs.io import bvh, motion_files
 from verbs.runtime import sequence
 
 pytestmark = pytest.mark.anyio
@@ -126,13 +130,55 @@ async def test_too_many_frames_are_refused_with_the_limit(catalog):
             assert "20" in answer.json()["detail"]
 
 
-async def test_bvh_of_some_joints_is_refused(client):
+@pytest.mark.parametrize(("media_type", "form"), FILES.items())
+async def test_a_file_of_some_joints_is_refused(media_type, form, client):
     for option in ({"joints": ["Tip"]}, {"space": "global"}):
         answer = await client.post(
-            "/v1/verbs/arm3/sequence", json={"adverbs": ARM, **option}, headers={"Accept": "text/x-bvh"}
+            "/v1/verbs/arm3/sequence", json={"adverbs": ARM, **option}, headers={"Accept": media_type}
         )
         assert answer.status_code == 422
-        assert "BVH" in answer.json()["detail"]
+        assert f"a {form} file holds all joints" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("media_type", ["text/x-bvh", "model/gltf-binary", "application/x-npz"])
+@pytest.mark.parametrize("track", [False, True])
+async def test_each_file_reads_back_as_the_json_motion(media_type, track, client, tmp_path):
+    form = FILES[media_type]
+    body = {"track": [{"time": k / 2, "adverbs": row} for k, row in enumerate(ENDS)]} if track else {"adverbs": ARM}
+    answer = await ask(client, **body, headers={"Accept": media_type})
+    assert answer.headers["content-type"].split(";")[0] == media_type
+    assert answer.headers["content-disposition"] == f'attachment; filename="arm3.{form}"'
+    (tmp_path / f"a.{form}").write_bytes(answer.content)
+    motion = motion_files.read(tmp_path / f"a.{form}").motion
+    reply = (await ask(client, **body)).json()
+    assert (motion.fps, len(motion)) == (30.0, reply["frames"])
+    np.testing.assert_allclose(motion.root, reply["root"], atol=1e-6)
+    np.testing.assert_allclose(np.abs((motion.rotations * reply["rotations"]).sum(axis=-1)), 1.0, atol=1e-6)
+
+
+async def test_a_glb_has_a_body_on_request_and_names_its_verb(client, catalog):
+    plain = await ask(client, adverbs=ARM, headers={"Accept": "model/gltf-binary"})
+    shown = await ask(client, adverbs=ARM, mannequin=True, headers={"Accept": "model/gltf-binary"})
+    assert b'"meshes"' not in plain.content
+    assert b'"meshes"' in shown.content
+    (length,) = struct.unpack_from("<I", plain.content, 12)
+    extras = json.loads(plain.content[20 : 20 + length])["asset"]["extras"]
+    assert extras == {"verb": "arm3", "version": catalog.entry("arm3").version, "adverbs": ARM, "fps": 30.0}
+
+
+async def test_a_vrm_animation_of_no_humanoid_is_refused_with_the_bones_it_lacks(client):
+    answer = await client.post(
+        "/v1/verbs/arm3/sequence", json={"adverbs": ARM}, headers={"Accept": "application/x-vrma"}
+    )
+    assert answer.status_code == 422
+    assert "no joint for hips (Hips), spine (Spine)" in answer.json()["detail"]
+
+
+async def test_a_vrm_animation_of_a_humanoid(client):
+    goal = {"x": -0.3, "y": 1.2, "z": 0.4}
+    answer = await ask(client, verb="reach", adverbs=goal, headers={"Accept": "application/x-vrma"})
+    assert answer.headers["content-disposition"] == 'attachment; filename="reach.vrma"'
+    assert b'"VRMC_vrm_animation":{"specVersion":"1.0"' in answer.content
 
 
 def test_a_sequence_checks_its_numbers(catalog):

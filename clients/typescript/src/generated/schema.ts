@@ -565,8 +565,8 @@ export interface paths {
          * @description Evaluate a whole motion at `fps` frames per second, at constant adverbs or along a track of them.
          *
          *     Frames stand at 0, 1/fps, … up to the last one that is not past the end. As `application/octet-stream` the answer
-         *     is one binary record per frame, channel 0, the last one flagged; as `text/x-bvh` it is a file in metres and degrees,
-         *     always of all joints.
+         *     is one binary record per frame, channel 0, the last one flagged. Files hold all joints, in metres: `text/x-bvh`,
+         *     `model/gltf-binary` (glTF), `application/x-vrma` (a VRM animation, of humanoids) and `application/x-npz`.
          *
          *     Scope: `pose`.
          */
@@ -2020,6 +2020,12 @@ export interface components {
              * @default null
              */
             joints: string[] | null;
+            /**
+             * Mannequin
+             * @description Of `model/gltf-binary`: whether to add a simple body, which a plain viewer shows.
+             * @default false
+             */
+            mannequin: boolean;
             /**
              * Method
              * @description Blending method, one of the verb's `methods`. Default: its `default_method`.
@@ -5585,6 +5591,9 @@ export interface operations {
                 content: {
                     "application/json": components["schemas"]["SequenceAnswer"];
                     "application/octet-stream": string;
+                    "application/x-npz": string;
+                    "application/x-vrma": string;
+                    "model/gltf-binary": string;
                     "text/x-bvh": string;
                 };
             };

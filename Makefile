@@ -79,8 +79,11 @@ dist: setup $(PACKAGE)  ## build wheels and the npm package: dist
 	@$(if $(HAS_NPM),npm pack --silent --ignore-scripts --pack-destination dist ./$(TYPESCRIPT) >/dev/null,echo "dist: without npm, the npm package is left out")
 	@ls dist
 
+# Readers of glTF and VRM by others, which the tests compare our files with.
+STRANGERS := tests/strangers
+
 # All of it on two workers; of `make test T=…` what T names: files, folders or options of pytest (T="-k guard").
-test: setup $(PAGE) $(PACKAGE) $(WARM)  ## run the whole test suite, or with T=… a part of it
+test: setup $(PAGE) $(PACKAGE) $(WARM) $(if $(HAS_NPM),$(STRANGERS)/node_modules)  ## run the whole test suite, or with T=… a part of it
 ifdef T
 	@$(BIN)/python -m pytest $(T)
 else
@@ -96,7 +99,8 @@ lint: setup  ## style, imports, architecture, lock files
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/lint-imports --no-cache
-	@! grep -n '://' requirements.lock requirements.runtime.lock requirements.supply.lock requirements.fuzz.lock $(DASHBOARD)/package-lock.json $(TYPESCRIPT)/package-lock.json || \
+	@! grep -n '://' requirements.lock requirements.runtime.lock requirements.supply.lock requirements.fuzz.lock \
+		$(DASHBOARD)/package-lock.json $(TYPESCRIPT)/package-lock.json $(STRANGERS)/package-lock.json || \
 		(echo "lock files must name no address" && false)
 	@$(if $(HAS_NPM),$(MAKE) -s $(TYPESCRIPT)/node_modules $(DASHBOARD)/node_modules && npm --prefix $(TYPESCRIPT) run --silent lint && npm --prefix $(DASHBOARD) run --silent lint,echo "lint: without npm, the page and the TypeScript client are left out")
 
@@ -178,4 +182,4 @@ try-image: setup  ## build the image and start docker-compose.yml's containers, 
 	@$(BIN)/python -m deploy.try_image $(T)
 
 clean:  ## remove what make made
-	rm -rf $(VENV) .cache build dist service/static $(TYPESCRIPT)/dist $(TYPESCRIPT)/node_modules $(DASHBOARD)/node_modules
+	rm -rf $(VENV) .cache build dist service/static $(TYPESCRIPT)/dist $(addsuffix /node_modules,$(TYPESCRIPT) $(DASHBOARD) $(STRANGERS))

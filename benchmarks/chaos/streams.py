@@ -81,6 +81,7 @@ class Watched:
         self._resumed = False
         self._newest: dict[int, tuple[float, Record | None]] = {}  # time and newest frame of each channel
         self._goal: dict[int, tuple[float, list[float]]] = {}
+        self._doubted: dict[int, float] = {}  # time of the goal that the effector of a channel was not on
         self._stalled = False
         self._receive = self.stream._session.receive
         self.stream._session.receive = self._tap
@@ -228,11 +229,16 @@ class Watched:
             return
         root, rotations = record.root.astype(np.float64), record.rotations.astype(np.float64)
         apart = float(self._effector.errors(np.array(goal), root, rotations))
-        self._compare(abs(apart - record.error), record)
+        self._compare(number, abs(apart - record.error), record)
 
-    def _compare(self, difference_m: float, record: Record) -> None:
+    def _compare(self, number: int, difference_m: float, record: Record) -> None:
+        """A difference counts if a later frame has it for the same goal: on a busy machine, a goal arrives late."""
+        settled_s, close = self._goal[number][0], difference_m <= TOLERANCES_M[self.plan.encoding]
+        if not close and self._doubted.get(number) != settled_s:
+            self._doubted[number] = settled_s
+            return
         self.ledger.compare(f"stream {self.plan.encoding}", difference_m)
-        if not difference_m <= TOLERANCES_M[self.plan.encoding]:
+        if not close:
             self.ledger.fault(
                 f"stream {self.number} ({self.plan.verb}, {self.plan.encoding}): the effector is {difference_m:.3g} m "
                 f"from where the record has it, version {record.version}; {self._story()}"

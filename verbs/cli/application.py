@@ -18,6 +18,7 @@ from verbs.cli.output import err, plain
 from verbs.cli.pose import export_command, pose_command
 from verbs.cli.refine import refine_command
 from verbs.cli.suggest import suggest_command
+from verbs.cli.vmc import vmc_command
 from verbs.errors import VerbError
 
 __all__ = ["app", "main", "run"]
@@ -38,6 +39,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "suggest": suggest_command,
     "refine": refine_command,
     "export": export_command,
+    "vmc": vmc_command,
     "mirror": mirror_command,
     "trim": trim_command,
     "resample": resample_command,

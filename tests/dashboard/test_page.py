@@ -2,15 +2,20 @@
 
 import io
 import math
+import os
 import shutil
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 
 from tests.dashboard.conftest import PATIENCE_S, PROJECT, opened
 from verbs import library
+from verbs.io import motion_files
 
 pytestmark = [pytest.mark.xdist_group("dashboard"), pytest.mark.slow]
 
@@ -277,6 +282,45 @@ def test_a_link_reopens_the_same_view(page):
     page.tab.goto(address)
     page.until("document.documentElement.dataset.ready === 'true'")
     assert page.state("adverb.view") == view
+
+
+def test_the_motion_in_view_is_downloaded_and_its_requests_run(browser, service, tmp_path):
+    """Files hold the motion of the goal in view; what is copied runs as it is."""
+    with opened(browser, service, permissions=["clipboard-read", "clipboard-write"], accept_downloads=True) as page:
+        page.open(verb="reach", **{"at.x": -0.25, "at.y": 1.3, "at.z": 0.35})
+        goal = page.state("adverb.view.goal")
+        assert goal == {"x": -0.25, "y": 1.3, "z": 0.35}
+        body = {"adverbs": goal, "fps": 30}
+        expected = httpx.post(f"{service.url}/v1/verbs/reach/sequence", json=body).json()
+        group = page.tab.get_by_role("group", name="Download this motion")
+        for form in ("bvh", "glb", "vrma", "npz"):
+            with page.tab.expect_download() as download:
+                group.get_by_role("button", name=form, exact=True).click()
+            assert download.value.suggested_filename == f"reach.{form}"
+            download.value.save_as(tmp_path / f"reach.{form}")
+            if form != "vrma":
+                motion = motion_files.read(tmp_path / f"reach.{form}").motion
+                np.testing.assert_allclose(motion.root, expected["root"], atol=2e-6)
+        assert b"VRMC_vrm_animation" in (tmp_path / "reach.vrma").read_bytes()
+        copied = {}
+        for language in ("curl", "Python", "JavaScript"):
+            page.tab.get_by_role("group", name="Copy as").get_by_role("button", name=language).click()
+            shown = page.tab.get_by_label(f"Request as {language}")
+            shown.wait_for()
+            copied[language] = shown.text_content()
+            assert page.tab.evaluate("navigator.clipboard.readText()") == copied[language]
+    frames = len(expected["times"])
+    if shutil.which("curl"):
+        subprocess.run(["sh", "-c", copied["curl"]], cwd=tmp_path, check=True)
+        assert len(motion_files.read(tmp_path / "reach.glb").motion) == frames
+    script = [sys.executable, "-c", copied["Python"]]
+    environment = {**os.environ, "PYTHONPATH": str(PROJECT / "clients" / "python")}
+    run = subprocess.run(script, capture_output=True, text=True, check=True, env=environment)
+    assert run.stdout.startswith(f"({frames}, 28, 4)")
+    node = ["node", "--input-type=module", "-e", copied["JavaScript"]]
+    if shutil.which("node"):
+        run = subprocess.run(node, capture_output=True, text=True, check=True)
+        assert run.stdout.split()[0] == str(frames)
 
 
 def test_keyboard_shortcuts(page):

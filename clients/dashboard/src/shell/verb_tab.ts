@@ -6,6 +6,7 @@ import type { View } from "../types";
 import { addClip } from "./add_clip";
 import { adverbs } from "./adverbs";
 import { h, toggle } from "./dom";
+import { motionExport } from "./motion_export";
 
 type Flag = { [Key in keyof View]: View[Key] extends boolean ? Key : never }[keyof View];
 
@@ -41,6 +42,8 @@ export function verbTab(page: Page, resetView: () => void): HTMLElement {
       detail(page),
     ),
     h("button", { type: "button", onclick: resetView, title: "Reset view (r)" }, "Reset view"),
+    h("h2", {}, "This motion"),
+    motionExport(page),
     h("h2", {}, "Examples"),
     addClip(page),
   );

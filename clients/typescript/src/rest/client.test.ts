@@ -18,6 +18,7 @@ const ROUTES: Record<string, { status: number; type: string; body: string }> = {
   },
   "GET /metrics": { status: 502, type: "text/html", body: "<html>bad gateway" },
   "GET /v1/refinements?verb=reach&limit=5": { status: 200, type: "application/json", body: '{"refinements": []}' },
+  "POST /v1/verbs/reach/sequence": { status: 200, type: "model/gltf-binary", body: "glTF" },
   "DELETE /v1/verbs/reach": { status: 204, type: "", body: "" },
 };
 let server: Server;
@@ -57,4 +58,13 @@ test("a problem has the code, detail, locations and known names of the response"
 test("a missing response is a problem with code offline; an abort is not a problem", async () => {
   expect(await failure(new Client("http://127.0.0.1:1").verbs())).toMatchObject({ status: 0, code: "offline" });
   expect(await failure(new Client(base).verbs(AbortSignal.abort()))).toMatchObject({ name: "AbortError" });
+});
+
+test("a motion is requested as a file of a media type", async () => {
+  const accept = new Promise<string | undefined>((done) =>
+    server.once("request", (request: IncomingMessage) => done(request.headers.accept)),
+  );
+  const file = await new Client(base).sequence("reach", { adverbs: { x: 1 } }, undefined, "model/gltf-binary");
+  expect(new TextDecoder().decode(file)).toBe("glTF");
+  expect(await accept).toBe("model/gltf-binary");
 });

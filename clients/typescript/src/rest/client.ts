@@ -28,7 +28,12 @@ const ZIP = [0x50, 0x4b];
 const READY_MS = 250;
 
 /** Media types of a whole motion. */
-export type MotionType = "application/octet-stream" | "model/gltf-binary" | "text/x-bvh" | "application/x-npz";
+export type MotionType =
+  | "application/octet-stream"
+  | "model/gltf-binary"
+  | "application/x-vrma"
+  | "text/x-bvh"
+  | "application/x-npz";
 
 export interface ClientOptions {
   /** Key of the server; none by default. */
@@ -88,7 +93,7 @@ export class Client {
     return (await this.call("post", "/v1/verbs/{verb}/poses", { path: { verb }, body, signal })).poses;
   }
 
-  /** Whole motion as binary records (`Sequence` reads them), glTF, BVH or npz; of any stored version. */
+  /** Whole motion as binary records (`Sequence` reads them), glTF, VRM animation, BVH or npz; of any stored version. */
   async sequence(
     verb: string,
     body: SequenceRequest,

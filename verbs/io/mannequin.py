@@ -24,12 +24,15 @@ _STATURE_M = 0.95
 _SHORTEST_M = 1e-4
 
 _WIDTHS = {
-    "hips": (0.09, 0.085), "spine": (0.115, 0.085), "chest": (0.125, 0.095), "upperChest": (0.075, 0.07),
+    "hips": (0.09, 0.085), "spine": (0.105, 0.08), "chest": (0.125, 0.095), "upperChest": (0.115, 0.085),
     "neck": (0.045, 0.045), "head": (0.075, 0.09), "Shoulder": (0.048, 0.048), "UpperArm": (0.045, 0.045),
     "LowerArm": (0.036, 0.036), "Hand": (0.02, 0.034), "UpperLeg": (0.072, 0.072), "LowerLeg": (0.05, 0.05),
     "Foot": (0.04, 0.04), "Toes": (0.036, 0.028), "": (0.011, 0.011),
 }  # fmt: skip
 """Half widths across a bone in metres: along +X, or +Y for a bone along X, and along the third axis."""
+
+_NARROWING = {"UpperArm": 0.8, "LowerArm": 0.7, "UpperLeg": 0.72, "LowerLeg": 0.66, "Hand": 0.8, "Foot": 0.85}
+"""Width at the far end of a bone, as a share of that at its joint; 1 for the others."""
 
 
 class Mesh(NamedTuple):
@@ -73,11 +76,12 @@ def body(skeleton: Skeleton) -> Mesh:
         if length < _SHORTEST_M:
             continue
         widths = _widths(named.get(joint), length, scale)
-        points, normals, triangles = _capsule(places[joint], end, widths, last=last)
+        share = _NARROWING.get(_part(named.get(joint, "")), 1.0)
+        points, normals, triangles = _capsule(places[joint], end, widths, share, last=last)
         parts.append((points, normals, np.full(len(points), joint), triangles + first))
         first += len(points)
     if not parts:
-        points, normals, triangles = _capsule(np.zeros(3), np.array([0.0, 0.1, 0.0]), (0.05, 0.05), last=False)
+        points, normals, triangles = _capsule(np.zeros(3), np.array([0.0, 0.1, 0.0]), (0.05, 0.05), 1.0, last=False)
         parts.append((points, normals, np.zeros(len(points), np.int64), triangles))
     points, normals, joints, triangles = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Mesh(points.astype(np.float32), _unit32(normals), joints, triangles.astype(np.uint32))
@@ -85,7 +89,7 @@ def body(skeleton: Skeleton) -> Mesh:
 
 def _widths(bone: str | None, length: float, scale: float) -> tuple[float, float]:
     if bone is None:
-        width = min(max(0.16 * length, 0.008), 0.1)
+        width = min(max(0.12 * length, 0.008), 0.1)
         return width, width
     first, second = _WIDTHS[_part(bone)]
     return first * scale, second * scale
@@ -98,9 +102,12 @@ def _part(bone: str) -> str:
 
 
 def _capsule(
-    start: F64, end: F64, widths: tuple[float, float], *, last: bool
+    start: F64, end: F64, widths: tuple[float, float], share: float, *, last: bool
 ) -> tuple[F64, F64, npt.NDArray[np.int64]]:
-    """Points, normals and triangles of an elliptic capsule between two points; the last of a limb ends at its tip."""
+    """Points, normals and triangles of an elliptic capsule between two points; the last of a limb ends at its tip.
+
+    ``share`` is the width at the end, as a share of that at the start.
+    """
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
     across = np.array([0.0, 1.0, 0.0]) if abs(along[0]) > 0.7 else np.array([1.0, 0.0, 0.0])
@@ -108,14 +115,14 @@ def _capsule(
     across /= np.linalg.norm(across)
     side = np.cross(along, across)
     cap = min(*widths, 0.5 * length)
-    stop = end - along * cap if last else end
+    stop = end - along * cap * share if last else end
     turns = np.arange(_AROUND) * (2.0 * np.pi / _AROUND)
     ring = np.cos(turns)[:, None] * across * widths[0] + np.sin(turns)[:, None] * side * widths[1]
     outward = np.cos(turns)[:, None] * across / widths[0] + np.sin(turns)[:, None] * side / widths[1]
     points, normals = [], []
-    for center, sign, angles in ((start, -1.0, _CAP[::-1]), (stop, 1.0, _CAP)):
+    for center, sign, size, angles in ((start, -1.0, 1.0, _CAP[::-1]), (stop, 1.0, share, _CAP)):
         for angle in angles:
-            points.append(center + ring * np.cos(angle) + sign * along * cap * np.sin(angle))
+            points.append(center + size * (ring * np.cos(angle) + sign * along * cap * np.sin(angle)))
             normals.append(outward * np.cos(angle) + sign * along * np.sin(angle) / cap)
     rows, columns = np.meshgrid(np.arange(len(points) - 1), np.arange(_AROUND), indexing="ij")
     low, after = rows * _AROUND + columns, rows * _AROUND + (columns + 1) % _AROUND

@@ -28,8 +28,6 @@ PER_CONNECTION = 30
 """Requests of a client before it connects again, perhaps to another server."""
 BATCH = 50
 TIMEOUT_S = 45.0
-IDLE_S = 4.5
-"""Servers close a connection that is idle for 5 s, perhaps while a request is on its way from a client that paused."""
 
 
 def problem_of(err: Exception) -> str:
@@ -66,7 +64,6 @@ class Requester:
     ) -> None:
         self.base, self.verbs, self.goals, self.rng, self.ledger = base, verbs, goals, rng, ledger
         self._effectors = {name: Effector.of(verb) for name, verb in verbs.items()}
-        self._answered_s = 0.0
         self._kinds: list[Callable[[AsyncClient, str], Awaitable[None]]] = [
             *(3 * [self.pose]), *(2 * [self.poses]), self.sequence, self.listing, self.description, self.quality,
             self.versions,
@@ -76,7 +73,6 @@ class Requester:
         """Request until the end; an error is recorded, and the next request is made on a new connection."""
         while not stop.is_set():
             async with AsyncClient(self.base, retries=0, timeout_s=TIMEOUT_S) as client:
-                self._answered_s = self.ledger.now_s()
                 for _ in range(PER_CONNECTION):
                     if stop.is_set() or not await self._once(client):
                         break
@@ -92,15 +88,10 @@ class Requester:
         except DecodeError as err:
             self.ledger.fault(f"{what}: {err}")
         except (AdverbError, httpx.HTTPError) as err:
-            problem = problem_of(err)
-            if problem == "RemoteProtocolError" and self.ledger.now_s() - self._answered_s > IDLE_S:
-                self.ledger.done["idle connections closed"] += 1
-                return False
-            self.ledger.failed(began_s, what, problem)
+            self.ledger.failed(began_s, what, problem_of(err))
             return isinstance(err, ResponseError)
         else:
             self.ledger.done[kind.__name__] += 1
-        self._answered_s = self.ledger.now_s()
         return True
 
     async def pose(self, client: AsyncClient, verb: str) -> None:

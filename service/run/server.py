@@ -36,6 +36,12 @@ OTHER_FILES = 1_024
 DRAIN_S = 0.2
 """Time to write `drain` messages before connections are closed, seconds."""
 
+KEEP_ALIVE_S = 75
+"""Time after which an idle connection is closed, seconds; longer than proxies (nginx: 60 s) and clients keep theirs.
+
+A server that closes first may do so while a request is on its way, which then fails.
+"""
+
 SWITCH_S = 0.001
 """Longest time that a thread keeps the interpreter lock while the event loop waits, seconds; Python's is 5 ms."""
 
@@ -143,6 +149,7 @@ def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:
         ws_per_message_deflate=False,
         ws_max_size=65_536,
         ws_ping_interval=20.0,
+        timeout_keep_alive=KEEP_ALIVE_S,
         access_log=False,
         log_config=None,
         log_level="warning",

@@ -107,3 +107,19 @@ def test_a_large_body_may_take_longer_than_a_head(server):
             connection.sendall(body[start : start + 20_000])
             time.sleep(0.1)
         assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")
+
+
+def test_an_idle_connection_outlives_those_of_proxies(server):
+    """A server that closes first may do so while a request is on its way; nginx closes after 60 s."""
+    config = server.uvicorn.config
+    assert config.timeout_keep_alive > 60
+    request = b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    with dialled(server) as connection:
+        connection.sendall(request)
+        assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")
+        connection.settimeout(2 * server.settings.request_s)
+        with pytest.raises(TimeoutError):  # still open when the time of a head has passed
+            connection.recv(1)
+        connection.settimeout(PATIENCE_S)
+        connection.sendall(request)
+        assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")

@@ -37,7 +37,11 @@ export function motionExport(page: Page): HTMLElement {
     const [verb, request] = wantedOf(page) ?? [];
     if (!verb || !request) return;
     const text = snippet(language, { server: location.origin, verb, request, keyed: page.access.key !== "" });
-    const code = h("pre", { className: "snippet", tabIndex: 0, "aria-label": `Request as ${language}` }, text);
+    const code = h(
+      "pre",
+      { className: "snippet", role: "region", tabIndex: 0, "aria-label": `Request as ${language}` },
+      text,
+    );
     const copied = await copyText(text);
     const line = copied ? "Copied:" : "This page may not write to the clipboard; select the text:";
     status.replaceChildren(h("p", { className: "quiet" }, line), code);

@@ -271,7 +271,7 @@ namespace Adverb
             double number;
             if (part.Length == 0 || part[0] == '+' || !double.TryParse(part, NumberStyles.Float, CultureInfo.InvariantCulture,
                 out number) || double.IsInfinity(number)) throw Bad(start);
-            return number;
+            return number == 0.0 && part[0] == '-' ? -0.0 : number; // some runtimes drop the sign
         }
 
         static void Append(StringBuilder text, object value)
@@ -1018,7 +1018,7 @@ namespace Adverb
             content[0] = 0x10;
             content[2] = (byte)channel;
             content[3] = (byte)(channel >> 8);
-            Check(channel, adverbs, 0, adverbs.Length);
+            Check(channel, adverbs, 0, adverbs.Length, float.MaxValue);
             Buffer.BlockCopy(adverbs, 0, content, 4, 4 * adverbs.Length);
             return content;
         }
@@ -1035,7 +1035,7 @@ namespace Adverb
             content[3] = (byte)(channels.Count >> 8);
             for (int k = 0, at = 4; k < channels.Count; k++, at += row)
             {
-                Check(channels[k], adverbs, k * dims, dims);
+                Check(channels[k], adverbs, k * dims, dims, 1e9f);
                 content[at] = (byte)channels[k];
                 content[at + 1] = (byte)(channels[k] >> 8);
                 Buffer.BlockCopy(adverbs, 4 * dims * k, content, at + 4, 4 * dims);
@@ -1043,11 +1043,11 @@ namespace Adverb
             return content;
         }
 
-        static void Check(int channel, float[] adverbs, int start, int count)
+        static void Check(int channel, float[] adverbs, int start, int count, float most)
         {
             if (channel < 0 || channel > 65535) throw new ArgumentException("channel " + channel + " is not 0 to 65,535");
             for (int k = start; k < start + count; k++)
-                if (!(Math.Abs(adverbs[k]) <= 1e9f)) throw new ArgumentException("an adverb is not finite or exceeds 1e9");
+                if (!(Math.Abs(adverbs[k]) <= most)) throw new ArgumentException("an adverb is not finite or exceeds " + most);
         }
 
         static bool Finite(float value)
@@ -2266,6 +2266,7 @@ namespace Adverb
                 await ConnectOnceAsync().ConfigureAwait(false);
                 lock (Gate) Disconnected();
                 if (_closing.IsCancellationRequested) return;
+                if (!_connected || _closeCode == RevokedCode) await CheckAccessAsync().ConfigureAwait(false);
                 if (_closeCode == ResumedElsewhere)
                     throw new AdverbException("closed", "another connection has resumed this session");
                 if (_connected)
@@ -2286,7 +2287,6 @@ namespace Adverb
         async Task ConnectOnceAsync()
         {
             _closeCode = 0;
-            bool shaken = false;
             using (var socket = new ClientWebSocket())
             using (CancellationTokenSource cancel = CancellationTokenSource.CreateLinkedTokenSource(_closing.Token))
             {
@@ -2295,8 +2295,7 @@ namespace Adverb
                 else if (_key != null) socket.Options.SetRequestHeader("Authorization", "Bearer " + _key);
                 try
                 {
-                    await WithinAsync(socket.ConnectAsync(_uri, cancel.Token), socket).ConfigureAwait(false);
-                    shaken = true;
+                    await WithinAsync(socket.ConnectAsync(_uri, cancel.Token), socket, cancel.Token).ConfigureAwait(false);
                     if (socket.SubProtocol != Subprotocol) throw new AdverbException("closed", _uri + " does not support " + Subprotocol);
                     await ServeAsync(socket, cancel).ConfigureAwait(false);
                 }
@@ -2305,7 +2304,6 @@ namespace Adverb
                     _failure = error.Message;
                 }
             }
-            if (!_closing.IsCancellationRequested && (!shaken || _closeCode == RevokedCode)) await CheckAccessAsync().ConfigureAwait(false);
         }
 
         /// <summary>Ends the stream where the server refuses the key: handshakes do not state the reason.</summary>
@@ -2329,9 +2327,10 @@ namespace Adverb
             }
         }
 
-        static async Task WithinAsync(Task task, ClientWebSocket socket)
+        static async Task WithinAsync(Task task, ClientWebSocket socket, CancellationToken cancel)
         {
-            if (await Task.WhenAny(task, Task.Delay(TimeSpan.FromSeconds(HelloTimeoutS))).ConfigureAwait(false) != task)
+            Task patience = Task.Delay(TimeSpan.FromSeconds(HelloTimeoutS), cancel);
+            if (await Task.WhenAny(task, patience).ConfigureAwait(false) != task)
             {
                 socket.Abort();
                 throw new TimeoutException("no answer within " + HelloTimeoutS + " s");

@@ -508,10 +508,16 @@ namespace Adverb
     public sealed class AdverbInfo
     {
         /// <summary>Name and unit.</summary>
-        public readonly string Name, Unit;
+        public readonly string Name;
+
+        /// <summary>Name and unit.</summary>
+        public readonly string Unit;
 
         /// <summary>Least and largest value over the examples.</summary>
-        public readonly double Min, Max;
+        public readonly double Min;
+
+        /// <summary>Least and largest value over the examples.</summary>
+        public readonly double Max;
 
         /// <summary>Whether it cannot be measured from the motion.</summary>
         public readonly bool Style;
@@ -538,11 +544,45 @@ namespace Adverb
         }
     }
 
+    /// <summary>A verb in the server's list.</summary>
+    public sealed class VerbSummary
+    {
+        /// <summary>Name of the verb.</summary>
+        public string Name;
+
+        /// <summary>What it is.</summary>
+        public string Description;
+
+        /// <summary>Version that is served.</summary>
+        public int Version;
+
+        /// <summary>Whether the end of a cycle is the start of the next.</summary>
+        public bool Looping;
+
+        /// <summary>Names of the adverbs.</summary>
+        public string[] Adverbs;
+
+        internal static VerbSummary Of(Dictionary<string, object> fields)
+        {
+            return new VerbSummary
+            {
+                Name = Json.Text(fields, "name"),
+                Description = Json.Text(fields, "description"),
+                Version = (int)Json.Integer(fields, "version"),
+                Looping = Json.Flag(fields, "looping"),
+                Adverbs = Json.Texts(fields, "adverbs"),
+            };
+        }
+    }
+
     /// <summary>A verb as the server describes it.</summary>
     public sealed class VerbInfo
     {
         /// <summary>Name and description.</summary>
-        public string Name, Description;
+        public string Name;
+
+        /// <summary>Name and description.</summary>
+        public string Description;
 
         /// <summary>Version that is served.</summary>
         public int Version;
@@ -553,7 +593,7 @@ namespace Adverb
         /// <summary>Adverbs in the order of binary messages.</summary>
         public AdverbInfo[] Adverbs;
 
-        /// <summary>Joints; null in the list of verbs.</summary>
+        /// <summary>Joints.</summary>
         public Skeleton Skeleton;
 
         /// <summary>All fields of the server's answer.</summary>
@@ -561,8 +601,6 @@ namespace Adverb
 
         internal static VerbInfo Of(Dictionary<string, object> fields)
         {
-            object skeleton;
-            fields.TryGetValue("skeleton", out skeleton);
             return new VerbInfo
             {
                 Name = Json.Text(fields, "name"),
@@ -570,7 +608,7 @@ namespace Adverb
                 Version = (int)Json.Integer(fields, "version"),
                 Looping = Json.Flag(fields, "looping"),
                 Adverbs = AdverbInfo.Of(Json.Items(fields, "adverbs")),
-                Skeleton = skeleton == null ? null : Skeleton.Of(Json.AsObject(skeleton, "skeleton")),
+                Skeleton = Skeleton.Of(Json.AsObject(Json.Get(fields, "skeleton"), "skeleton")),
                 Fields = fields,
             };
         }
@@ -580,10 +618,16 @@ namespace Adverb
     public class PoseOptions
     {
         /// <summary>Instant: canonical time 0–1 (more in a loop), or seconds; not both.</summary>
-        public double? Phase, Time;
+        public double? Phase;
+
+        /// <summary>Instant: canonical time 0–1 (more in a loop), or seconds; not both.</summary>
+        public double? Time;
 
         /// <summary>Method of the verb, and <c>local</c> or <c>global</c> rotations.</summary>
-        public string Method, Space;
+        public string Method;
+
+        /// <summary>Method of the verb, and <c>local</c> or <c>global</c> rotations.</summary>
+        public string Space;
 
         /// <summary>Joints to return.</summary>
         public string[] Joints;
@@ -592,7 +636,10 @@ namespace Adverb
         public int? Version;
 
         /// <summary>Whether standing feet are held, and whether records have the support.</summary>
-        public bool? Plant, Support;
+        public bool? Plant;
+
+        /// <summary>Whether standing feet are held, and whether records have the support.</summary>
+        public bool? Support;
 
         internal Dictionary<string, object> Fields(IDictionary<string, double> adverbs)
         {
@@ -638,11 +685,11 @@ namespace Adverb
         }
 
         /// <summary>The verbs that are served.</summary>
-        public async Task<VerbInfo[]> VerbsAsync()
+        public async Task<VerbSummary[]> VerbsAsync()
         {
             List<object> rows = Json.Items(await ObjectAsync("/v1/verbs").ConfigureAwait(false), "verbs");
-            var found = new VerbInfo[rows.Count];
-            for (int k = 0; k < found.Length; k++) found[k] = VerbInfo.Of(Json.AsObject(rows[k], "a verb"));
+            var found = new VerbSummary[rows.Count];
+            for (int k = 0; k < found.Length; k++) found[k] = VerbSummary.Of(Json.AsObject(rows[k], "a verb"));
             return found;
         }
 
@@ -779,7 +826,16 @@ namespace Adverb
     public static class Encodings
     {
         /// <summary>Numbers in a record's header.</summary>
-        public const int F32 = 0, Q48 = 1, Weights = 2, Q32 = 3;
+        public const int F32 = 0;
+
+        /// <summary>Numbers in a record's header.</summary>
+        public const int Q48 = 1;
+
+        /// <summary>Numbers in a record's header.</summary>
+        public const int Weights = 2;
+
+        /// <summary>Numbers in a record's header.</summary>
+        public const int Q32 = 3;
 
         internal static readonly string[] Names = { "f32", "q48", "weights", "q32" };
     }
@@ -788,7 +844,10 @@ namespace Adverb
     public sealed class WireLayout
     {
         /// <summary>Encoding, and the number of joints; for weights the number of examples.</summary>
-        public readonly int Encoding, Count;
+        public readonly int Encoding;
+
+        /// <summary>Encoding, and the number of joints; for weights the number of examples.</summary>
+        public readonly int Count;
 
         /// <summary>Makes a layout.</summary>
         public WireLayout(int encoding, int count)
@@ -832,13 +891,28 @@ namespace Adverb
     public sealed class WireRecord
     {
         /// <summary>Number of the channel, encoding and flags.</summary>
-        public int Channel, Encoding, Flags;
+        public int Channel;
+
+        /// <summary>Number of the channel, encoding and flags.</summary>
+        public int Encoding;
+
+        /// <summary>Number of the channel, encoding and flags.</summary>
+        public int Flags;
 
         /// <summary>Version of the verb.</summary>
         public uint Version;
 
         /// <summary>Canonical time, seconds from the start, error (m, NaN where nothing is measured), duration (s).</summary>
-        public float Phase, Time, Error, Duration;
+        public float Phase;
+
+        /// <summary>Canonical time, seconds from the start, error (m, NaN where nothing is measured), duration (s).</summary>
+        public float Time;
+
+        /// <summary>Canonical time, seconds from the start, error (m, NaN where nothing is measured), duration (s).</summary>
+        public float Error;
+
+        /// <summary>Canonical time, seconds from the start, error (m, NaN where nothing is measured), duration (s).</summary>
+        public float Duration;
 
         /// <summary>
         /// Root x, y, z, then x, y, z, w per joint; for the encoding weights, one number per example.
@@ -1154,7 +1228,13 @@ namespace Adverb
     public sealed class Delays
     {
         /// <summary>Bounds of the delay, and the longest extrapolation past the last frame.</summary>
-        public double MinS = 0.0, MaxS = 0.25, ExtrapolateS = 0.1;
+        public double MinS = 0.0;
+
+        /// <summary>Bounds of the delay, and the longest extrapolation past the last frame.</summary>
+        public double MaxS = 0.25;
+
+        /// <summary>Bounds of the delay, and the longest extrapolation past the last frame.</summary>
+        public double ExtrapolateS = 0.1;
     }
 
     /// <summary>A pose at the displayed instant; its arrays are reused by the next sample.</summary>
@@ -1164,13 +1244,28 @@ namespace Adverb
         public double ServerTimeS;
 
         /// <summary>As in a record; phase and time of a loop stay within one cycle.</summary>
-        public double Phase, TimeS, DurationS, Error;
+        public double Phase;
+
+        /// <summary>As in a record; phase and time of a loop stay within one cycle.</summary>
+        public double TimeS;
+
+        /// <summary>As in a record; phase and time of a loop stay within one cycle.</summary>
+        public double DurationS;
+
+        /// <summary>As in a record; phase and time of a loop stay within one cycle.</summary>
+        public double Error;
 
         /// <summary>Version of the verb.</summary>
         public uint Version;
 
         /// <summary>Clamped to the domain; in a transition; at the end of the motion.</summary>
-        public bool Clamped, InTransition, Ended;
+        public bool Clamped;
+
+        /// <summary>Clamped to the domain; in a transition; at the end of the motion.</summary>
+        public bool InTransition;
+
+        /// <summary>Clamped to the domain; in a transition; at the end of the motion.</summary>
+        public bool Ended;
 
         /// <summary>Root x, y, z, then x, y, z, w per joint; for the encoding weights, one number per example.</summary>
         public float[] Values = new float[0];
@@ -1179,7 +1274,10 @@ namespace Adverb
         public bool IsWeights;
 
         /// <summary>Display delay, and the time past the last received frame, seconds.</summary>
-        public double DelayS, ExtrapolatedS;
+        public double DelayS;
+
+        /// <summary>Display delay, and the time past the last received frame, seconds.</summary>
+        public double ExtrapolatedS;
 
         /// <summary>Whether that time is longer than the extrapolation, so that the motion is held.</summary>
         public bool Held;
@@ -1205,7 +1303,10 @@ namespace Adverb
         public bool Looping;
 
         /// <summary>Frames that arrived after their display, and frames that arrived twice.</summary>
-        public int Late, Duplicates;
+        public int Late;
+
+        /// <summary>Frames that arrived after their display, and frames that arrived twice.</summary>
+        public int Duplicates;
 
         readonly Lateness _lateness;
         readonly Delays _delays;
@@ -1454,10 +1555,25 @@ namespace Adverb
         public IDictionary<string, double> Adverbs;
 
         /// <summary>Speed −10…10; phase 0–1, which seeks at once; half life of the way to a goal 0–10 s; priority.</summary>
-        public double? Speed, Phase, HalfLife, Priority;
+        public double? Speed;
+
+        /// <summary>Speed −10…10; phase 0–1, which seeks at once; half life of the way to a goal 0–10 s; priority.</summary>
+        public double? Phase;
+
+        /// <summary>Speed −10…10; phase 0–1, which seeks at once; half life of the way to a goal 0–10 s; priority.</summary>
+        public double? HalfLife;
+
+        /// <summary>Speed −10…10; phase 0–1, which seeks at once; half life of the way to a goal 0–10 s; priority.</summary>
+        public double? Priority;
 
         /// <summary>Playing or paused, looping, and whether a paused effector follows its goal.</summary>
-        public bool? Play, Loop, Follow;
+        public bool? Play;
+
+        /// <summary>Playing or paused, looping, and whether a paused effector follows its goal.</summary>
+        public bool? Loop;
+
+        /// <summary>Playing or paused, looping, and whether a paused effector follows its goal.</summary>
+        public bool? Follow;
 
         /// <summary>Frames per second, 1–120.</summary>
         public int? Fps;
@@ -1497,7 +1613,13 @@ namespace Adverb
         public string[] Joints;
 
         /// <summary>Whether standing feet stay, keytimes are events, and poses have the support.</summary>
-        public bool? Plant, Events, Support;
+        public bool? Plant;
+
+        /// <summary>Whether standing feet stay, keytimes are events, and poses have the support.</summary>
+        public bool? Events;
+
+        /// <summary>Whether standing feet stay, keytimes are events, and poses have the support.</summary>
+        public bool? Support;
 
         internal override Dictionary<string, object> Fields()
         {
@@ -1580,10 +1702,22 @@ namespace Adverb
     public sealed class StreamStats
     {
         /// <summary>Pose messages, records in them, and bytes of all received messages.</summary>
-        public long Messages, Records, Bytes;
+        public long Messages;
+
+        /// <summary>Pose messages, records in them, and bytes of all received messages.</summary>
+        public long Records;
+
+        /// <summary>Pose messages, records in them, and bytes of all received messages.</summary>
+        public long Bytes;
 
         /// <summary>Jumps of the sequence number, missing numbers, messages that a newer one overtook.</summary>
-        public long Gaps, Missing, Stale;
+        public long Gaps;
+
+        /// <summary>Jumps of the sequence number, missing numbers, messages that a newer one overtook.</summary>
+        public long Missing;
+
+        /// <summary>Jumps of the sequence number, missing numbers, messages that a newer one overtook.</summary>
+        public long Stale;
 
         /// <summary>Messages that were not sent, or were lost with a connection, as the server reports.</summary>
         public long Dropped;
@@ -1595,14 +1729,32 @@ namespace Adverb
         public string LastError = "";
 
         /// <summary>Connections after the first, those that resumed the session, discarded events.</summary>
-        public long Reconnects, Resumes, EventsDropped;
+        public long Reconnects;
+
+        /// <summary>Connections after the first, those that resumed the session, discarded events.</summary>
+        public long Resumes;
+
+        /// <summary>Connections after the first, those that resumed the session, discarded events.</summary>
+        public long EventsDropped;
     }
 
     /// <summary>What a message <c>opened</c> states of a channel.</summary>
     public sealed class ChannelInfo
     {
         /// <summary>Verb, method, encoding, space and frame.</summary>
-        public string Verb, Method, Encoding, Space, Frame;
+        public string Verb;
+
+        /// <summary>Verb, method, encoding, space and frame.</summary>
+        public string Method;
+
+        /// <summary>Verb, method, encoding, space and frame.</summary>
+        public string Encoding;
+
+        /// <summary>Verb, method, encoding, space and frame.</summary>
+        public string Space;
+
+        /// <summary>Verb, method, encoding, space and frame.</summary>
+        public string Frame;
 
         /// <summary>Version of the verb.</summary>
         public long Version;
@@ -1931,13 +2083,19 @@ namespace Adverb
         const string Subprotocol = "adverb.v1";
         const int RevokedCode = 4401, ResumedElsewhere = 4009, MaxEvents = 1024, MaxPings = 64;
         const int MaxMessageBytes = 64 * 1024 * 1024;
-        const double HelloTimeoutS = 10.0, SilenceS = 10.0, StableAfterS = 5.0, MaxDrainS = 60.0;
+        const double HelloTimeoutS = 10.0, StableAfterS = 5.0, MaxDrainS = 60.0;
 
         /// <summary>How long to try to reconnect, seconds.</summary>
         public double ReconnectTimeoutS = 120.0;
 
+        /// <summary>A connection without any message for so long is broken and made again, seconds.</summary>
+        public double SilenceS = 10.0;
+
         /// <summary>First and longest delay between attempts, seconds; half of each is random.</summary>
-        public double FirstDelayS = 0.1, MaxDelayS = 5.0;
+        public double FirstDelayS = 0.1;
+
+        /// <summary>First and longest delay between attempts, seconds; half of each is random.</summary>
+        public double MaxDelayS = 5.0;
 
         /// <summary>Whether the key is sent as a subprotocol, for platforms whose WebSocket has no headers.</summary>
         public bool KeyAsSubprotocol;
@@ -3352,7 +3510,13 @@ namespace Adverb
         public bool Clamped;
 
         /// <summary>Canonical time, beyond 1 in further cycles of a loop; seconds; duration of the motion or cycle.</summary>
-        public double Phase, TimeS, DurationS;
+        public double Phase;
+
+        /// <summary>Canonical time, beyond 1 in further cycles of a loop; seconds; duration of the motion or cycle.</summary>
+        public double TimeS;
+
+        /// <summary>Canonical time, beyond 1 in further cycles of a loop; seconds; duration of the motion or cycle.</summary>
+        public double DurationS;
     }
 
     /// <summary>

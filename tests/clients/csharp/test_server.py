@@ -50,7 +50,7 @@ def test_rest_calls_have_answers_and_errors(program, address, all_verbs):
     assert found["artifact"] == all_verbs.entries["arm3"].path.stat().st_size
     assert (found["unknown"]["code"], found["unknown"]["status"]) == ("unknown_verb", 404)
     assert found["unknown"]["request"]
-    assert (found["missing"]["status"], found["missing"]["code"]) in {(422, "unknown_adverb"), (400, "bad_request"), (422, "bad_request")}
+    assert (found["missing"]["status"], found["missing"]["code"]) == (422, "invalid_request")
 
 
 def test_a_server_that_is_down_is_an_error(program, drive):
@@ -84,7 +84,7 @@ def test_streamed_poses_are_those_of_the_server(drive, all_verbs, encoding, tole
     entry = all_verbs.entries["reach"]
     at = {"x": -0.3, "y": 1.2, "z": 0.4}
     options = {"Adverbs": at, "Play": False, "Phase": 0.25, "Encoding": encoding, "Plant": False, "Method": "rbf"}
-    poses = entry.evaluator.pose([list(at.values())], method="rbf", phase=0.25, plant=False)
+    poses = entry.evaluator.pose([at], method="rbf", phase=0.25, plant=False)
     expected = entry.evaluator.positions(poses)[1][0]
     for frame, mirror in (("gltf", 1.0), ("unity", -1.0)):
         with drive(verb="reach", options={**options, "Frame": frame}) as driver:
@@ -122,7 +122,7 @@ def test_keytimes_and_the_end_are_events(drive):
     with drive(options={"Adverbs": GOAL, "Loop": False, "Phase": 0.4, "Speed": 3.0}) as driver:
         assert driver.until("keytime")["channel"] == 0
         assert driver.until("end")["channel"] == 0
-        assert driver.until("pose", lambda row: row["ended"])["phase"] == pytest.approx(1.0)
+        assert driver.until("pose", lambda row: row["ended"])["phase"] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_a_byte_budget_is_reported(drive):
@@ -222,7 +222,7 @@ def test_another_server_gets_the_channels_again(server, proxy, drive):
 
 
 def test_a_silent_network_is_noticed_and_survived(proxy, drive):
-    with drive(proxy.url, options={"Adverbs": GOAL}) as driver:
+    with drive(proxy.url, silence=2.5, options={"Adverbs": GOAL}) as driver:
         driver.until("pose")
         proxy.stall()
         driver.until("pose", lambda row: row["held"])

@@ -27,6 +27,7 @@ sealed class Driver
         _stream = new AdverbStream((string)_given["server"], (string)_given.OrNull("key"));
         _stream.FirstDelayS = 0.02;
         _stream.MaxDelayS = 0.2;
+        if (_given.ContainsKey("silence")) _stream.SilenceS = _given["silence"].Num();
         _stream.KeyAsSubprotocol = _given.ContainsKey("subprotocol");
         try
         {

@@ -101,8 +101,8 @@ static class EvaluatorRuns
         int poses = 0;
         using (var client = new AdverbClient(address))
         {
-            VerbInfo[] verbs = await client.VerbsAsync();
-            foreach (VerbInfo row in verbs)
+            VerbSummary[] verbs = await client.VerbsAsync();
+            foreach (VerbSummary row in verbs)
             {
                 VerbInfo verb = await client.DescribeAsync(row.Name);
                 var evaluator = new VerbEvaluator(await client.DownloadArtifactAsync(row.Name));

@@ -38,7 +38,8 @@ namespace Adverb
         public string RequestId { get; private set; }
 
         /// <summary>Makes an error.</summary>
-        public AdverbException(string code, string detail, int status = 0, string requestId = null, Exception inner = null)
+        public AdverbException(string code, string detail, int status = 0, string requestId = null,
+            Exception inner = null)
             : base(code + ": " + detail, inner)
         {
             Code = code;
@@ -57,7 +58,8 @@ namespace Adverb
         const int MaxDepth = 64;
 
         /// <summary>Reads a text.</summary>
-        /// <exception cref="AdverbException">It is not JSON, or nested more than 64 levels deep: <c>malformed</c>.</exception>
+        /// <exception cref="AdverbException">It is not JSON, or nested more than 64 levels deep:
+        /// <c>malformed</c>.</exception>
         public static object Parse(string text)
         {
             int at = 0;
@@ -154,7 +156,8 @@ namespace Adverb
 
         static void Blank(string text, ref int at)
         {
-            while (at < text.Length && (text[at] == ' ' || text[at] == '\n' || text[at] == '\r' || text[at] == '\t')) at++;
+            while (at < text.Length && (text[at] == ' ' || text[at] == '\n' || text[at] == '\r'
+                || text[at] == '\t')) at++;
         }
 
         static object Value(string text, ref int at, int depth)
@@ -249,7 +252,8 @@ namespace Adverb
                 case 't': return '\t';
             }
             int code;
-            if (kind != 'u' || at + 4 > text.Length || !int.TryParse(text.Substring(at, 4), NumberStyles.AllowHexSpecifier,
+            if (kind != 'u' || at + 4 > text.Length
+                || !int.TryParse(text.Substring(at, 4), NumberStyles.AllowHexSpecifier,
                 CultureInfo.InvariantCulture, out code)) throw Bad(at);
             at += 4;
             return (char)code;
@@ -269,7 +273,8 @@ namespace Adverb
             if (whole && long.TryParse(part, NumberStyles.AllowLeadingSign, CultureInfo.InvariantCulture, out integer))
                 return integer;
             double number;
-            if (part.Length == 0 || part[0] == '+' || !double.TryParse(part, NumberStyles.Float, CultureInfo.InvariantCulture,
+            if (part.Length == 0 || part[0] == '+'
+                || !double.TryParse(part, NumberStyles.Float, CultureInfo.InvariantCulture,
                 out number) || double.IsInfinity(number)) throw Bad(start);
             return number == 0.0 && part[0] == '-' ? -0.0 : number; // some runtimes drop the sign
         }
@@ -326,7 +331,8 @@ namespace Adverb
             foreach (char each in value)
             {
                 if (each == '"' || each == '\\') text.Append('\\').Append(each);
-                else if (each < ' ') text.Append("\\u").Append(((int)each).ToString("x4", CultureInfo.InvariantCulture));
+                else if (each < ' ')
+                    text.Append("\\u").Append(((int)each).ToString("x4", CultureInfo.InvariantCulture));
                 else text.Append(each);
             }
             text.Append('"');
@@ -431,7 +437,8 @@ namespace Adverb
         {
             bool valid = names.Length > 0 && parents.Length == names.Length && offsets.Length == 3 * names.Length;
             for (int j = 0; valid && j < parents.Length; j++) valid = parents[j] < j && parents[j] >= (j > 0 ? 0 : -1);
-            if (!valid) throw new AdverbException("malformed", "the skeleton's parents do not come before their children");
+            if (!valid)
+                throw new AdverbException("malformed", "the skeleton's parents do not come before their children");
             Names = names;
             Parents = parents;
             Offsets = offsets;
@@ -497,7 +504,8 @@ namespace Adverb
             for (int j = 0; j < rows.Count; j++)
             {
                 var row = rows[j] as List<object>;
-                if (row == null || row.Count != 3) throw new AdverbException("malformed", "offsets are not rows of three");
+                if (row == null || row.Count != 3)
+                    throw new AdverbException("malformed", "offsets are not rows of three");
                 for (int k = 0; k < 3; k++) offsets[3 * j + k] = Json.Number(row[k], "offsets");
             }
             return new Skeleton(Json.Texts(fields, "names"), indices, offsets);
@@ -507,16 +515,16 @@ namespace Adverb
     /// <summary>One adverb of a verb.</summary>
     public sealed class AdverbInfo
     {
-        /// <summary>Name and unit.</summary>
+        /// <summary>Name.</summary>
         public readonly string Name;
 
-        /// <summary>Name and unit.</summary>
+        /// <summary>Unit of its values.</summary>
         public readonly string Unit;
 
-        /// <summary>Least and largest value over the examples.</summary>
+        /// <summary>Least value over the examples.</summary>
         public readonly double Min;
 
-        /// <summary>Least and largest value over the examples.</summary>
+        /// <summary>Largest value over the examples.</summary>
         public readonly double Max;
 
         /// <summary>Whether it cannot be measured from the motion.</summary>
@@ -578,10 +586,10 @@ namespace Adverb
     /// <summary>A verb as the server describes it.</summary>
     public sealed class VerbInfo
     {
-        /// <summary>Name and description.</summary>
+        /// <summary>Name of the verb.</summary>
         public string Name;
 
-        /// <summary>Name and description.</summary>
+        /// <summary>What it is.</summary>
         public string Description;
 
         /// <summary>Version that is served.</summary>
@@ -617,16 +625,16 @@ namespace Adverb
     /// <summary>Options of a pose; null is the server's default.</summary>
     public class PoseOptions
     {
-        /// <summary>Instant: canonical time 0–1 (more in a loop), or seconds; not both.</summary>
+        /// <summary>Canonical time 0–1, more in a loop; not together with <see cref="Time"/>.</summary>
         public double? Phase;
 
-        /// <summary>Instant: canonical time 0–1 (more in a loop), or seconds; not both.</summary>
+        /// <summary>Seconds from the start.</summary>
         public double? Time;
 
-        /// <summary>Method of the verb, and <c>local</c> or <c>global</c> rotations.</summary>
+        /// <summary>Method of the verb.</summary>
         public string Method;
 
-        /// <summary>Method of the verb, and <c>local</c> or <c>global</c> rotations.</summary>
+        /// <summary><c>local</c> or <c>global</c> rotations.</summary>
         public string Space;
 
         /// <summary>Joints to return.</summary>
@@ -635,10 +643,10 @@ namespace Adverb
         /// <summary>Version to evaluate.</summary>
         public int? Version;
 
-        /// <summary>Whether standing feet are held, and whether records have the support.</summary>
+        /// <summary>Whether standing feet are held.</summary>
         public bool? Plant;
 
-        /// <summary>Whether standing feet are held, and whether records have the support.</summary>
+        /// <summary>Whether records have the support.</summary>
         public bool? Support;
 
         internal Dictionary<string, object> Fields(IDictionary<string, double> adverbs)
@@ -700,7 +708,8 @@ namespace Adverb
         }
 
         /// <summary>One pose.</summary>
-        public async Task<WireRecord> PoseAsync(string verb, IDictionary<string, double> adverbs, PoseOptions options = null)
+        public async Task<WireRecord> PoseAsync(string verb, IDictionary<string, double> adverbs,
+            PoseOptions options = null)
         {
             Dictionary<string, object> fields = (options ?? new PoseOptions()).Fields(adverbs);
             byte[] content = await PostAsync(PathOf(verb, "/pose"), fields).ConfigureAwait(false);
@@ -714,15 +723,17 @@ namespace Adverb
         /// <param name="fps">Frames per second.</param>
         /// <param name="cycles">Cycles of a loop; null: one.</param>
         /// <param name="options">Without <c>Phase</c> and <c>Time</c>.</param>
-        public async Task<WireRecord[]> SequenceAsync(string verb, IDictionary<string, double> adverbs, double fps = 60.0,
-            int? cycles = null, PoseOptions options = null)
+        public async Task<WireRecord[]> SequenceAsync(string verb, IDictionary<string, double> adverbs,
+            double fps = 60.0, int? cycles = null, PoseOptions options = null)
         {
             string[] joints = options == null ? null : options.Joints;
-            int count = joints != null ? joints.Length : (await DescribeAsync(verb).ConfigureAwait(false)).Skeleton.Names.Length;
+            int count = joints != null ? joints.Length
+                : (await DescribeAsync(verb).ConfigureAwait(false)).Skeleton.Names.Length;
             Dictionary<string, object> fields = (options ?? new PoseOptions()).Fields(adverbs);
             fields["fps"] = fps;
             Options.Add(fields, "cycles", cycles);
-            WireRecord[] found = RecordsOf(await PostAsync(PathOf(verb, "/sequence"), fields).ConfigureAwait(false), count);
+            WireRecord[] found = RecordsOf(await PostAsync(PathOf(verb, "/sequence"), fields).ConfigureAwait(false),
+                count);
             if (!found[found.Length - 1].Last) throw new AdverbException("malformed", "the sequence is cut off");
             return found;
         }
@@ -730,7 +741,8 @@ namespace Adverb
         /// <summary>The verb file of the served version, or of another one, for <see cref="VerbEvaluator"/>.</summary>
         public Task<byte[]> DownloadArtifactAsync(string verb, int? version = null)
         {
-            string path = version == null ? "/artifact" : "/versions/" + version.Value.ToString(CultureInfo.InvariantCulture);
+            string path = version == null ? "/artifact" : "/versions/"
+                + version.Value.ToString(CultureInfo.InvariantCulture);
             return SendAsync(HttpMethod.Get, PathOf(verb, path), null, "application/octet-stream");
         }
 
@@ -825,16 +837,16 @@ namespace Adverb
     /// <summary>Layouts of records: numbers of the wire and their names.</summary>
     public static class Encodings
     {
-        /// <summary>Numbers in a record's header.</summary>
+        /// <summary>Root and rotations as float32.</summary>
         public const int F32 = 0;
 
-        /// <summary>Numbers in a record's header.</summary>
+        /// <summary>Rotations in 48 bits.</summary>
         public const int Q48 = 1;
 
-        /// <summary>Numbers in a record's header.</summary>
+        /// <summary>Weights of the examples.</summary>
         public const int Weights = 2;
 
-        /// <summary>Numbers in a record's header.</summary>
+        /// <summary>Rotations in 32 bits.</summary>
         public const int Q32 = 3;
 
         internal static readonly string[] Names = { "f32", "q48", "weights", "q32" };
@@ -843,10 +855,10 @@ namespace Adverb
     /// <summary>Layout of a channel's records.</summary>
     public sealed class WireLayout
     {
-        /// <summary>Encoding, and the number of joints; for weights the number of examples.</summary>
+        /// <summary>Number of the encoding.</summary>
         public readonly int Encoding;
 
-        /// <summary>Encoding, and the number of joints; for weights the number of examples.</summary>
+        /// <summary>Number of joints; for weights the number of examples.</summary>
         public readonly int Count;
 
         /// <summary>Makes a layout.</summary>
@@ -882,7 +894,8 @@ namespace Adverb
             if (number == Encodings.Weights) joints = (recordBytes - 28) / 4;
             var found = new WireLayout(number, joints);
             if (joints < 0 || found.RecordBytes != recordBytes)
-                throw new AdverbException("malformed", "records of " + recordBytes + " bytes do not fit as " + encoding);
+                throw new AdverbException("malformed", "records of " + recordBytes + " bytes do not fit as "
+                    + encoding);
             return found;
         }
     }
@@ -890,28 +903,28 @@ namespace Adverb
     /// <summary>One pose, as records have it. The arrays are reused where a record is read again.</summary>
     public sealed class WireRecord
     {
-        /// <summary>Number of the channel, encoding and flags.</summary>
+        /// <summary>Number of the channel.</summary>
         public int Channel;
 
-        /// <summary>Number of the channel, encoding and flags.</summary>
+        /// <summary>Number of the encoding.</summary>
         public int Encoding;
 
-        /// <summary>Number of the channel, encoding and flags.</summary>
+        /// <summary>Flags, as in docs/wire.md.</summary>
         public int Flags;
 
         /// <summary>Version of the verb.</summary>
         public uint Version;
 
-        /// <summary>Canonical time, seconds from the start, error (m, NaN where nothing is measured), duration (s).</summary>
+        /// <summary>Canonical time.</summary>
         public float Phase;
 
-        /// <summary>Canonical time, seconds from the start, error (m, NaN where nothing is measured), duration (s).</summary>
+        /// <summary>Seconds from the start.</summary>
         public float Time;
 
-        /// <summary>Canonical time, seconds from the start, error (m, NaN where nothing is measured), duration (s).</summary>
+        /// <summary>Distance from the goal, m; NaN where nothing is measured.</summary>
         public float Error;
 
-        /// <summary>Canonical time, seconds from the start, error (m, NaN where nothing is measured), duration (s).</summary>
+        /// <summary>Duration of the motion or cycle, s.</summary>
         public float Duration;
 
         /// <summary>
@@ -1005,7 +1018,8 @@ namespace Adverb
 
         static Wire()
         {
-            if (!BitConverter.IsLittleEndian) throw new PlatformNotSupportedException("the client requires little-endian");
+            if (!BitConverter.IsLittleEndian)
+                throw new PlatformNotSupportedException("the client requires little-endian");
         }
 
         /// <summary>Reads one record; returns the offset of the next one.</summary>
@@ -1015,7 +1029,8 @@ namespace Adverb
             if (length - at < 28) throw new AdverbException("malformed", "a record is cut off");
             int encoding = content[at + 2], count = layout.Count;
             if (encoding != layout.Encoding)
-                throw new AdverbException("malformed", "a record of encoding " + encoding + ", expected " + layout.Encoding);
+                throw new AdverbException("malformed", "a record of encoding " + encoding + ", expected "
+                    + layout.Encoding);
             if (encoding == Encodings.Weights) count = content[at + 24] | content[at + 25] << 8;
             int end = at + WireLayout.BytesOf(encoding, count);
             if (end > length) throw new AdverbException("malformed", "a record is cut off");
@@ -1119,9 +1134,11 @@ namespace Adverb
 
         static void Check(int channel, float[] adverbs, int start, int count, float most)
         {
-            if (channel < 0 || channel > 65535) throw new ArgumentException("channel " + channel + " is not 0 to 65,535");
+            if (channel < 0 || channel > 65535)
+                throw new ArgumentException("channel " + channel + " is not 0 to 65,535");
             for (int k = start; k < start + count; k++)
-                if (!(Math.Abs(adverbs[k]) <= most)) throw new ArgumentException("an adverb is not finite or exceeds " + most);
+                if (!(Math.Abs(adverbs[k]) <= most))
+                    throw new ArgumentException("an adverb is not finite or exceeds " + most);
         }
 
         static bool Finite(float value)
@@ -1183,7 +1200,8 @@ namespace Adverb
         bool _current;
         double _smallest, _late;
 
-        /// <summary>Adds a message: its arrival on this machine's clock and its due time on the server's, seconds.</summary>
+        /// <summary>Adds a message: its arrival on this machine's clock and its due time on the server's,
+        /// seconds.</summary>
         public void Add(double arrivedS, double dueS)
         {
             lock (_transits)
@@ -1227,13 +1245,13 @@ namespace Adverb
     /// <summary>Bounds of a jitter buffer, seconds.</summary>
     public sealed class Delays
     {
-        /// <summary>Bounds of the delay, and the longest extrapolation past the last frame.</summary>
+        /// <summary>Shortest delay.</summary>
         public double MinS = 0.0;
 
-        /// <summary>Bounds of the delay, and the longest extrapolation past the last frame.</summary>
+        /// <summary>Longest delay.</summary>
         public double MaxS = 0.25;
 
-        /// <summary>Bounds of the delay, and the longest extrapolation past the last frame.</summary>
+        /// <summary>Longest extrapolation past the last frame.</summary>
         public double ExtrapolateS = 0.1;
     }
 
@@ -1243,40 +1261,41 @@ namespace Adverb
         /// <summary>Displayed instant on the server's clock, seconds.</summary>
         public double ServerTimeS;
 
-        /// <summary>As in a record; phase and time of a loop stay within one cycle.</summary>
+        /// <summary>Canonical time; within one cycle of a loop.</summary>
         public double Phase;
 
-        /// <summary>As in a record; phase and time of a loop stay within one cycle.</summary>
+        /// <summary>Seconds from the start; within one cycle of a loop.</summary>
         public double TimeS;
 
-        /// <summary>As in a record; phase and time of a loop stay within one cycle.</summary>
+        /// <summary>Duration of the motion or cycle, s.</summary>
         public double DurationS;
 
-        /// <summary>As in a record; phase and time of a loop stay within one cycle.</summary>
+        /// <summary>Distance from the goal, m; NaN where nothing is measured.</summary>
         public double Error;
 
         /// <summary>Version of the verb.</summary>
         public uint Version;
 
-        /// <summary>Clamped to the domain; in a transition; at the end of the motion.</summary>
+        /// <summary>Whether the adverbs were clamped to the domain.</summary>
         public bool Clamped;
 
-        /// <summary>Clamped to the domain; in a transition; at the end of the motion.</summary>
+        /// <summary>Whether a transition is in progress.</summary>
         public bool InTransition;
 
-        /// <summary>Clamped to the domain; in a transition; at the end of the motion.</summary>
+        /// <summary>Whether the motion is at its end.</summary>
         public bool Ended;
 
-        /// <summary>Root x, y, z, then x, y, z, w per joint; for the encoding weights, one number per example.</summary>
+        /// <summary>Root x, y, z, then x, y, z, w per joint; for the encoding weights, one number per
+        /// example.</summary>
         public float[] Values = new float[0];
 
         /// <summary>Whether <see cref="Values"/> are weights.</summary>
         public bool IsWeights;
 
-        /// <summary>Display delay, and the time past the last received frame, seconds.</summary>
+        /// <summary>Display delay, seconds.</summary>
         public double DelayS;
 
-        /// <summary>Display delay, and the time past the last received frame, seconds.</summary>
+        /// <summary>Time past the last received frame, seconds.</summary>
         public double ExtrapolatedS;
 
         /// <summary>Whether that time is longer than the extrapolation, so that the motion is held.</summary>
@@ -1287,9 +1306,9 @@ namespace Adverb
     }
 
     /// <summary>
-    /// Turns frames with irregular arrival times into poses at any display time. A pose is displayed later than its frame
-    /// was due: by the interval between two frames and by the lateness of messages. Without new frames the motion is
-    /// extrapolated for a short time and then held. One thread may push while another samples.
+    /// Turns frames with irregular arrival times into poses at any display time. A pose is displayed later than its
+    /// frame was due: by the interval between two frames and by the lateness of messages. Without new frames the
+    /// motion is extrapolated for a short time and then held. One thread may push while another samples.
     /// </summary>
     public sealed class JitterBuffer
     {
@@ -1302,10 +1321,10 @@ namespace Adverb
         /// <summary>Whether phases wrap around.</summary>
         public bool Looping;
 
-        /// <summary>Frames that arrived after their display, and frames that arrived twice.</summary>
+        /// <summary>Frames that arrived after their display.</summary>
         public int Late;
 
-        /// <summary>Frames that arrived after their display, and frames that arrived twice.</summary>
+        /// <summary>Frames that arrived twice.</summary>
         public int Duplicates;
 
         readonly Lateness _lateness;
@@ -1374,14 +1393,16 @@ namespace Adverb
             lock (_lock) _ending = true;
         }
 
-        /// <summary>Restarts at the next frame, which may be on another clock; until then the old frames are displayed.</summary>
+        /// <summary>Restarts at the next frame, which may be on another clock; until then the old frames are
+        /// displayed.</summary>
         public void Restart()
         {
             lock (_lock) _restartPending = true;
         }
 
         /// <summary>The pose to display at a time; false before the first frame.</summary>
-        /// <param name="nowS">On the clock of arrival times. An earlier time than the last one changes no state.</param>
+        /// <param name="nowS">On the clock of arrival times. An earlier time than the last one changes no
+        /// state.</param>
         /// <param name="into">Written.</param>
         public bool Sample(double nowS, AdverbPose into)
         {
@@ -1429,7 +1450,8 @@ namespace Adverb
             _records[_count] = first;
         }
 
-        /// <summary>Sets the flag `last` also where the motion rests at its end; the server sets it in one record.</summary>
+        /// <summary>Sets the flag `last` also where the motion rests at its end; the server sets it in one
+        /// record.</summary>
         void Mark(WireRecord record)
         {
             if (_ending || record.Last)
@@ -1513,7 +1535,8 @@ namespace Adverb
             into.IsWeights = near.Encoding == Encodings.Weights;
             int count = near.Values.Length;
             if (into.Values.Length != count) into.Values = new float[count];
-            if (a == b || a.Values.Length != b.Values.Length || (a.Encoding == Encodings.Weights) != (b.Encoding == Encodings.Weights))
+            if (a == b || a.Values.Length != b.Values.Length
+                || (a.Encoding == Encodings.Weights) != (b.Encoding == Encodings.Weights))
             {
                 Buffer.BlockCopy(near.Values, 0, into.Values, 0, 4 * count);
                 return;
@@ -1551,28 +1574,29 @@ namespace Adverb
     /// <summary>Settings of a channel; null leaves them as they are, or is the server's default.</summary>
     public class ChannelSettings
     {
-        /// <summary>Goal: adverbs by name; all of them in <see cref="AdverbStream.OpenAsync"/>, any in <c>Set</c>.</summary>
+        /// <summary>Goal: adverbs by name; all of them in <see cref="AdverbStream.OpenAsync"/>, any in
+        /// <c>Set</c>.</summary>
         public IDictionary<string, double> Adverbs;
 
-        /// <summary>Speed −10…10; phase 0–1, which seeks at once; half life of the way to a goal 0–10 s; priority.</summary>
+        /// <summary>Speed, −10 to 10.</summary>
         public double? Speed;
 
-        /// <summary>Speed −10…10; phase 0–1, which seeks at once; half life of the way to a goal 0–10 s; priority.</summary>
+        /// <summary>Phase 0–1; it seeks at once.</summary>
         public double? Phase;
 
-        /// <summary>Speed −10…10; phase 0–1, which seeks at once; half life of the way to a goal 0–10 s; priority.</summary>
+        /// <summary>Half life of the way to a goal, 0–10 s.</summary>
         public double? HalfLife;
 
-        /// <summary>Speed −10…10; phase 0–1, which seeks at once; half life of the way to a goal 0–10 s; priority.</summary>
+        /// <summary>Share of a byte budget.</summary>
         public double? Priority;
 
-        /// <summary>Playing or paused, looping, and whether a paused effector follows its goal.</summary>
+        /// <summary>Whether the motion plays or is paused.</summary>
         public bool? Play;
 
-        /// <summary>Playing or paused, looping, and whether a paused effector follows its goal.</summary>
+        /// <summary>Whether the motion starts again.</summary>
         public bool? Loop;
 
-        /// <summary>Playing or paused, looping, and whether a paused effector follows its goal.</summary>
+        /// <summary>Whether a paused effector follows its goal.</summary>
         public bool? Follow;
 
         /// <summary>Frames per second, 1–120.</summary>
@@ -1612,13 +1636,13 @@ namespace Adverb
         /// <summary>Joints to receive.</summary>
         public string[] Joints;
 
-        /// <summary>Whether standing feet stay, keytimes are events, and poses have the support.</summary>
+        /// <summary>Whether standing feet stay.</summary>
         public bool? Plant;
 
-        /// <summary>Whether standing feet stay, keytimes are events, and poses have the support.</summary>
+        /// <summary>Whether keytimes are events.</summary>
         public bool? Events;
 
-        /// <summary>Whether standing feet stay, keytimes are events, and poses have the support.</summary>
+        /// <summary>Whether poses have the support.</summary>
         public bool? Support;
 
         internal override Dictionary<string, object> Fields()
@@ -1670,7 +1694,7 @@ namespace Adverb
         /// <summary>Number of the channel; −1 where it concerns none.</summary>
         public int Channel = -1;
 
-        /// <summary>Name and phase of a keytime; verb of <c>Opened</c>.</summary>
+        /// <summary>Name of a keytime; verb of <c>Opened</c>.</summary>
         public string Name;
 
         /// <summary>Phase of a keytime.</summary>
@@ -1701,59 +1725,59 @@ namespace Adverb
     /// <summary>Counters of a stream.</summary>
     public sealed class StreamStats
     {
-        /// <summary>Pose messages, records in them, and bytes of all received messages.</summary>
+        /// <summary>Pose messages.</summary>
         public long Messages;
 
-        /// <summary>Pose messages, records in them, and bytes of all received messages.</summary>
+        /// <summary>Records of pose messages.</summary>
         public long Records;
 
-        /// <summary>Pose messages, records in them, and bytes of all received messages.</summary>
+        /// <summary>Bytes of all received messages.</summary>
         public long Bytes;
 
-        /// <summary>Jumps of the sequence number, missing numbers, messages that a newer one overtook.</summary>
+        /// <summary>Jumps of the sequence number.</summary>
         public long Gaps;
 
-        /// <summary>Jumps of the sequence number, missing numbers, messages that a newer one overtook.</summary>
+        /// <summary>Sequence numbers that are missing.</summary>
         public long Missing;
 
-        /// <summary>Jumps of the sequence number, missing numbers, messages that a newer one overtook.</summary>
+        /// <summary>Messages that a newer one overtook.</summary>
         public long Stale;
 
         /// <summary>Messages that were not sent, or were lost with a connection, as the server reports.</summary>
         public long Dropped;
 
-        /// <summary>Malformed messages, and the reason of the last one.</summary>
+        /// <summary>Malformed messages.</summary>
         public long DecodeErrors;
 
         /// <summary>Reason of the last malformed message.</summary>
         public string LastError = "";
 
-        /// <summary>Connections after the first, those that resumed the session, discarded events.</summary>
+        /// <summary>Connections after the first.</summary>
         public long Reconnects;
 
-        /// <summary>Connections after the first, those that resumed the session, discarded events.</summary>
+        /// <summary>Connections that resumed the session.</summary>
         public long Resumes;
 
-        /// <summary>Connections after the first, those that resumed the session, discarded events.</summary>
+        /// <summary>Events that were discarded because the queue was full.</summary>
         public long EventsDropped;
     }
 
     /// <summary>What a message <c>opened</c> states of a channel.</summary>
     public sealed class ChannelInfo
     {
-        /// <summary>Verb, method, encoding, space and frame.</summary>
+        /// <summary>Name of the verb.</summary>
         public string Verb;
 
-        /// <summary>Verb, method, encoding, space and frame.</summary>
+        /// <summary>Method of the weights.</summary>
         public string Method;
 
-        /// <summary>Verb, method, encoding, space and frame.</summary>
+        /// <summary>Name of the encoding.</summary>
         public string Encoding;
 
-        /// <summary>Verb, method, encoding, space and frame.</summary>
+        /// <summary><c>local</c> or <c>global</c> rotations.</summary>
         public string Space;
 
-        /// <summary>Verb, method, encoding, space and frame.</summary>
+        /// <summary>Name of the frame.</summary>
         public string Frame;
 
         /// <summary>Version of the verb.</summary>
@@ -1825,7 +1849,8 @@ namespace Adverb
     /// </summary>
     public sealed class AdverbChannel
     {
-        static readonly string[] Settings = { "adverbs", "speed", "play", "loop", "fps", "half_life", "follow", "priority" };
+        static readonly string[] Settings = { "adverbs", "speed", "play", "loop", "fps", "half_life", "follow",
+            "priority" };
 
         /// <summary>Number, 0 … 65,535.</summary>
         public readonly int Number;
@@ -1876,7 +1901,8 @@ namespace Adverb
             return Buffer.Sample(nowS, into);
         }
 
-        /// <summary>Sets the goal: all adverbs in the order of <see cref="ChannelInfo.Adverbs"/>; 4 + 4·D bytes.</summary>
+        /// <summary>Sets the goal: all adverbs in the order of <see cref="ChannelInfo.Adverbs"/>; 4 + 4·D
+        /// bytes.</summary>
         public void Aim(params float[] adverbs)
         {
             byte[] content = Wire.EncodeAdverbs(Number, adverbs);
@@ -2017,7 +2043,8 @@ namespace Adverb
         }
     }
 
-    /// <summary>Outgoing messages; a newer one replaces an unsent one with the same key. Used under the stream's lock.</summary>
+    /// <summary>Outgoing messages; a newer one replaces an unsent one with the same key. Used under the stream's
+    /// lock.</summary>
     sealed class Outbox
     {
         internal const int None = 0, Aim = 1, Set = 2, Close = 3, View = 4, Crowd = 5;
@@ -2033,7 +2060,8 @@ namespace Adverb
             LinkedListNode<KeyValuePair<long, object>> old;
             if (_nodes.TryGetValue(key, out old))
             {
-                if (kind == Set) message = Merged((Dictionary<string, object>)old.Value.Value, (Dictionary<string, object>)message);
+                if (kind == Set)
+                    message = Merged((Dictionary<string, object>)old.Value.Value, (Dictionary<string, object>)message);
                 _messages.Remove(old);
             }
             _nodes[key] = _messages.AddLast(new KeyValuePair<long, object>(key, message));
@@ -2075,8 +2103,8 @@ namespace Adverb
     }
 
     /// <summary>
-    /// A stream of poses: one WebSocket with any number of characters. It reconnects with growing delays and resumes its
-    /// session; where that does not exist any more, the channels are opened again in their current state.
+    /// A stream of poses: one WebSocket with any number of characters. It reconnects with growing delays and resumes
+    /// its session; where that does not exist any more, the channels are opened again in their current state.
     /// </summary>
     public sealed class AdverbStream : IDisposable
     {
@@ -2091,10 +2119,10 @@ namespace Adverb
         /// <summary>A connection without any message for so long is broken and made again, seconds.</summary>
         public double SilenceS = 10.0;
 
-        /// <summary>First and longest delay between attempts, seconds; half of each is random.</summary>
+        /// <summary>First delay between attempts, seconds; half of each is random.</summary>
         public double FirstDelayS = 0.1;
 
-        /// <summary>First and longest delay between attempts, seconds; half of each is random.</summary>
+        /// <summary>Longest delay between attempts, seconds.</summary>
         public double MaxDelayS = 5.0;
 
         /// <summary>Whether the key is sent as a subprotocol, for platforms whose WebSocket has no headers.</summary>
@@ -2160,11 +2188,12 @@ namespace Adverb
         public AdverbException Ended { get { lock (Gate) return _ended; } }
 
         /// <summary>Connects; attempts are repeated until the timeout.</summary>
-        /// <exception cref="AdverbException"><c>unauthenticated</c>, <c>missing_scope</c>; <c>offline</c> where there is no
-        /// connection in time.</exception>
+        /// <exception cref="AdverbException"><c>unauthenticated</c>, <c>missing_scope</c>; <c>offline</c> where there
+        /// is no connection in time.</exception>
         public async Task ConnectAsync(double timeoutS = 10.0)
         {
-            if (_task != null) throw new InvalidOperationException("a stream is connected once; it reconnects by itself");
+            if (_task != null)
+                throw new InvalidOperationException("a stream is connected once; it reconnects by itself");
             _task = Task.Run(RunAsync);
             await Task.WhenAny(_ready.Task, _task, Task.Delay(TimeSpan.FromSeconds(timeoutS))).ConfigureAwait(false);
             AdverbException ended = Ended;
@@ -2202,9 +2231,11 @@ namespace Adverb
         /// <param name="verb">Name of the verb.</param>
         /// <param name="options">Settings.</param>
         /// <param name="number">Number of the channel; −1: the smallest free one.</param>
-        /// <param name="timeoutS">Longest wait for the answer, with the time in which the server loads its verbs.</param>
+        /// <param name="timeoutS">Longest wait for the answer, with the time in which the server loads its
+        /// verbs.</param>
         /// <exception cref="AdverbException">The server rejects it, or does not answer in time.</exception>
-        public async Task<AdverbChannel> OpenAsync(string verb, OpenOptions options = null, int number = -1, double timeoutS = 10.0)
+        public async Task<AdverbChannel> OpenAsync(string verb, OpenOptions options = null, int number = -1,
+            double timeoutS = 10.0)
         {
             AdverbChannel channel;
             options = options ?? new OpenOptions();
@@ -2233,10 +2264,12 @@ namespace Adverb
 
         /// <summary>Switches a channel to another verb, with a continuous transition.</summary>
         /// <exception cref="AdverbException">The server rejects it; the channel keeps its verb.</exception>
-        public async Task<ChannelInfo> SwitchAsync(AdverbChannel channel, string verb, IDictionary<string, double> adverbs = null,
-            string method = null, double? phase = null, double? transitionS = null, double timeoutS = 10.0)
+        public async Task<ChannelInfo> SwitchAsync(AdverbChannel channel, string verb,
+            IDictionary<string, double> adverbs = null, string method = null, double? phase = null,
+            double? transitionS = null, double timeoutS = 10.0)
         {
-            var fields = new Dictionary<string, object> { { "op", "switch" }, { "channel", channel.Number }, { "verb", verb } };
+            Dictionary<string, object> fields = Message("switch", "channel", channel.Number);
+            fields["verb"] = verb;
             Options.Add(fields, "adverbs", adverbs == null ? null : new Dictionary<string, double>(adverbs));
             Options.Add(fields, "method", method);
             Options.Add(fields, "phase", phase);
@@ -2296,7 +2329,8 @@ namespace Adverb
             }
         }
 
-        /// <summary>Sets the viewpoint (m; null: none) and the byte budget (kbps; null: unlimited) of the stream.</summary>
+        /// <summary>Sets the viewpoint (m; null: none) and the byte budget (kbps; null: unlimited) of the
+        /// stream.</summary>
         public void View(double[] position = null, double? budgetKbps = null)
         {
             var view = new Dictionary<string, object> { { "op", "view" } };
@@ -2312,7 +2346,8 @@ namespace Adverb
 
         // --- requests ---
 
-        async Task AskAsync(AdverbChannel channel, Func<Dictionary<string, object>> message, double timeoutS, bool retry)
+        async Task AskAsync(AdverbChannel channel, Func<Dictionary<string, object>> message, double timeoutS,
+            bool retry)
         {
             await channel.Requests.WaitAsync().ConfigureAwait(false);
             try
@@ -2326,7 +2361,8 @@ namespace Adverb
         }
 
         /// <summary>Sends a request and waits for its answer, also across a reconnection.</summary>
-        async Task ExchangeAsync(AdverbChannel channel, Func<Dictionary<string, object>> message, double timeoutS, bool retry)
+        async Task ExchangeAsync(AdverbChannel channel, Func<Dictionary<string, object>> message, double timeoutS,
+            bool retry)
         {
             double end = NowS + timeoutS;
             try
@@ -2337,7 +2373,8 @@ namespace Adverb
                     double left = Math.Max(end - NowS, 0.0);
                     await Task.WhenAny(answer, Task.Delay(TimeSpan.FromSeconds(left))).ConfigureAwait(false);
                     if (!answer.IsCompleted)
-                        throw new AdverbException("timed_out", "no answer for channel " + channel.Number + " in " + timeoutS + " s");
+                        throw new AdverbException("timed_out", "no answer for channel " + channel.Number + " in "
+                            + timeoutS + " s");
                     AdverbException error = answer.Result;
                     if (error == null) return;
                     if (!retry || error.Code != "not_ready") throw error;
@@ -2362,7 +2399,8 @@ namespace Adverb
             }
         }
 
-        /// <summary>Queues a message while there is a session; otherwise settings are sent after the reconnection.</summary>
+        /// <summary>Queues a message while there is a session; otherwise settings are sent after the
+        /// reconnection.</summary>
         internal void Post(int kind, long number, object message)
         {
             if (_live) _outbox.Put(kind, number, message);
@@ -2403,14 +2441,16 @@ namespace Adverb
             }
             catch (Exception error)
             {
-                if (!_closing.IsCancellationRequested) end = new AdverbException("closed", "the stream failed: " + error, 0, null, error);
+                if (!_closing.IsCancellationRequested)
+                    end = new AdverbException("closed", "the stream failed: " + error, 0, null, error);
             }
             lock (Gate)
             {
                 _live = false;
                 _ended = end;
                 foreach (AdverbChannel channel in _channels.Values) Answer(channel, end);
-                Emit(new StreamEvent { Kind = StreamEventKind.Closed, Error = end, Detail = end.Detail, CloseCode = _closeCode });
+                Emit(new StreamEvent { Kind = StreamEventKind.Closed, Error = end, Detail = end.Detail,
+                    CloseCode = _closeCode });
             }
         }
 
@@ -2433,7 +2473,8 @@ namespace Adverb
                     if (disconnected - began > StableAfterS) _failures = 0;
                 }
                 else if (_ready.Task.IsCompleted && NowS - disconnected > ReconnectTimeoutS)
-                    throw new AdverbException("offline", "no reconnection within " + ReconnectTimeoutS + " s: " + _failure);
+                    throw new AdverbException("offline", "no reconnection within " + ReconnectTimeoutS + " s: "
+                        + _failure);
                 double full = Math.Min(MaxDelayS, FirstDelayS * Math.Pow(2.0, Math.Min(_failures++, 30)));
                 double delay = Math.Max(Math.Min(_drainS, MaxDrainS), full * (0.5 + 0.5 * _random.NextDouble()));
                 _drainS = 0.0;
@@ -2453,8 +2494,10 @@ namespace Adverb
                 else if (_key != null) socket.Options.SetRequestHeader("Authorization", "Bearer " + _key);
                 try
                 {
-                    await WithinAsync(socket.ConnectAsync(_uri, cancel.Token), socket, cancel.Token).ConfigureAwait(false);
-                    if (socket.SubProtocol != Subprotocol) throw new AdverbException("closed", _uri + " does not support " + Subprotocol);
+                    await WithinAsync(socket.ConnectAsync(_uri, cancel.Token), socket,
+                        cancel.Token).ConfigureAwait(false);
+                    if (socket.SubProtocol != Subprotocol)
+                        throw new AdverbException("closed", _uri + " does not support " + Subprotocol);
                     await ServeAsync(socket, cancel).ConfigureAwait(false);
                 }
                 catch (Exception error) when (!(error is AdverbException))
@@ -2475,7 +2518,8 @@ namespace Adverb
                     object scopes;
                     access.TryGetValue("scopes", out scopes);
                     var list = scopes as List<object>;
-                    if (_key != null && list != null && list.Count > 0 && !list.Contains("pose") && !list.Contains("admin"))
+                    if (_key != null && list != null && list.Count > 0 && !list.Contains("pose")
+                        && !list.Contains("admin"))
                         throw new AdverbException("missing_scope", "the key does not have the scope pose", 403);
                 }
             }
@@ -2504,7 +2548,8 @@ namespace Adverb
             try
             {
                 using (_closing.Token.Register(() => AbortLater(socket))) await ReadAsync(socket).ConfigureAwait(false);
-                _failure = "the connection ended: " + (int)(socket.CloseStatus ?? 0) + " " + socket.CloseStatusDescription;
+                _failure = "the connection ended: " + (int)(socket.CloseStatus ?? 0) + " "
+                    + socket.CloseStatusDescription;
             }
             finally
             {
@@ -2572,7 +2617,8 @@ namespace Adverb
             }
             catch (OperationCanceledException) when (_closing.IsCancellationRequested)
             {
-                await socket.CloseOutputAsync(WebSocketCloseStatus.NormalClosure, "", CancellationToken.None).ConfigureAwait(false);
+                await socket.CloseOutputAsync(WebSocketCloseStatus.NormalClosure, "",
+                    CancellationToken.None).ConfigureAwait(false);
             }
         }
 
@@ -2587,13 +2633,16 @@ namespace Adverb
                 {
                     _outbox.Take(messages);
                     for (int k = 0; k < messages.Count; k++)
-                        if (!(messages[k] is byte[])) messages[k] = Json.Write(messages[k]); // they change under the lock
+                        // they change under the lock
+                        if (!(messages[k] is byte[])) messages[k] = Json.Write(messages[k]);
                 }
                 foreach (object each in messages)
                 {
                     byte[] content = each as byte[] ?? Encoding.UTF8.GetBytes((string)each);
-                    WebSocketMessageType type = each is byte[] ? WebSocketMessageType.Binary : WebSocketMessageType.Text;
-                    await socket.SendAsync(new ArraySegment<byte>(content), type, true, CancellationToken.None).ConfigureAwait(false);
+                    WebSocketMessageType type = each is byte[] ? WebSocketMessageType.Binary
+                        : WebSocketMessageType.Text;
+                    await socket.SendAsync(new ArraySegment<byte>(content), type, true,
+                        CancellationToken.None).ConfigureAwait(false);
                 }
             }
         }
@@ -2626,7 +2675,9 @@ namespace Adverb
             if (_session.Length > 0 && _channels.Count > 0)
             {
                 _confirmed.Clear();
-                Send(new Dictionary<string, object> { { "op", "resume" }, { "session", _session }, { "last_seq", (long)_sequence } });
+                Dictionary<string, object> resume = Message("resume", "session", _session);
+                resume["last_seq"] = (long)_sequence;
+                Send(resume);
                 _barrier = Ping(nowS); // its pong follows the whole answer to resume
             }
             else Begin(nowS);
@@ -2745,7 +2796,8 @@ namespace Adverb
             {
                 AdverbChannel channel;
                 Stats.Records++;
-                if (!_channels.TryGetValue(_message[k].Channel, out channel) || channel.Info == null) continue; // closed
+                // closed
+                if (!_channels.TryGetValue(_message[k].Channel, out channel) || channel.Info == null) continue;
                 channel.Buffer.Push(due, _message[k], irregular);
                 channel.PendingPhase = double.NaN;
             }
@@ -2773,9 +2825,11 @@ namespace Adverb
                 default:
                     found = ServerEvents.Of(op, fields);
                     if (found == null) break; // of a newer server, or a second hello
-                    if (found.Kind == StreamEventKind.Version) CheckVersion(found.Channel, (int)Json.Integer(fields, "record_bytes"));
+                    if (found.Kind == StreamEventKind.Version)
+                        CheckVersion(found.Channel, (int)Json.Integer(fields, "record_bytes"));
                     AdverbChannel channel;
-                    if (found.Kind == StreamEventKind.End && _channels.TryGetValue(found.Channel, out channel)) channel.Buffer.End();
+                    if (found.Kind == StreamEventKind.End && _channels.TryGetValue(found.Channel, out channel))
+                        channel.Buffer.End();
                     if (found.Kind == StreamEventKind.Drain) _drainS = Json.Number(fields, "reconnect_after_s");
                     Emit(found);
                     break;
@@ -2794,14 +2848,15 @@ namespace Adverb
             _confirmed.Add(number);
             channel.ApplyOpened(opened);
             if (channel.Switch == null) Answer(channel, null);
-            Emit(new StreamEvent { Kind = StreamEventKind.Opened, Channel = number, Name = opened.Verb, Version = opened.Version,
-                Resumed = opened.Resumed });
+            Emit(new StreamEvent { Kind = StreamEventKind.Opened, Channel = number, Name = opened.Verb,
+                Version = opened.Version, Resumed = opened.Resumed });
         }
 
         void CheckVersion(int number, int recordBytes)
         {
             WireLayout old;
-            if (_layouts.TryGetValue(number, out old) && old.Encoding != Encodings.Weights && old.RecordBytes != recordBytes)
+            if (_layouts.TryGetValue(number, out old) && old.Encoding != Encodings.Weights
+                && old.RecordBytes != recordBytes)
                 throw new AdverbException("malformed", "record_bytes of channel " + number + " changes");
         }
 
@@ -2829,7 +2884,8 @@ namespace Adverb
             }
             AdverbChannel channel;
             bool known = _channels.TryGetValue(number, out channel), open = _layouts.ContainsKey(number);
-            if (known && !open && error.Code == "unknown_channel") return; // a setting after an `open` that was not ready
+            // a setting after an `open` that was not ready
+            if (known && !open && error.Code == "unknown_channel") return;
             if (known && open && channel.Pending == null && error.Code == "channel_in_use") return; // a repeated `open`
             if (number < 0 && error.Code == "bad_message") channel = OnlyPending();
             if (channel != null && channel.Pending != null)
@@ -2846,7 +2902,8 @@ namespace Adverb
                     return;
                 }
             }
-            Emit(new StreamEvent { Kind = StreamEventKind.Error, Channel = number, Error = error, Detail = error.Detail });
+            Emit(new StreamEvent { Kind = StreamEventKind.Error, Channel = number, Error = error,
+                Detail = error.Detail });
         }
 
         AdverbChannel OnlyPending()
@@ -2878,14 +2935,18 @@ namespace Adverb
             switch (op)
             {
                 case "version":
-                    return new StreamEvent { Kind = StreamEventKind.Version, Channel = (int)Json.Integer(fields, "channel"),
+                    return new StreamEvent { Kind = StreamEventKind.Version,
+                        Channel = (int)Json.Integer(fields, "channel"),
                         Version = Json.Integer(fields, "version") };
-                case "end": return new StreamEvent { Kind = StreamEventKind.End, Channel = (int)Json.Integer(fields, "channel") };
+                case "end":
+                    return new StreamEvent { Kind = StreamEventKind.End,
+                        Channel = (int)Json.Integer(fields, "channel") };
                 case "drain":
                     Json.Number(fields, "reconnect_after_s");
                     return new StreamEvent { Kind = StreamEventKind.Drain, Detail = Json.Text(fields, "detail") };
                 case "stats":
-                    foreach (string name in new[] { "seconds", "kbps", "budget_kbps", "records", "left_out", "min_fps", "max_fps" })
+                    foreach (string name in new[] { "seconds", "kbps", "budget_kbps", "records", "left_out", "min_fps",
+                        "max_fps" })
                         Json.Number(fields, name);
                     return new StreamEvent { Kind = StreamEventKind.Stats, Fields = fields };
                 default: return null;
@@ -2937,9 +2998,11 @@ namespace Adverb
                 if (format < 1 || format > Format)
                     throw Bad("the file has format " + format + "; this client reads up to " + Format);
                 foreach (KeyValuePair<string, object> each in header)
-                    if (each.Key != "__metadata__") _entries.Add(each.Key, EntryOf(each.Key, Json.AsObject(each.Value, each.Key)));
+                    if (each.Key != "__metadata__")
+                        _entries.Add(each.Key, EntryOf(each.Key, Json.AsObject(each.Value, each.Key)));
             }
-            catch (Exception error) when (error is ArgumentException || error is AdverbException && ((AdverbException)error).Code == "malformed")
+            catch (Exception error) when (error is ArgumentException || error is AdverbException
+                && ((AdverbException)error).Code == "malformed")
             {
                 throw Bad("not a verb file: its header is invalid: " + error.Message);
             }
@@ -2980,7 +3043,8 @@ namespace Adverb
         internal int Rows(string name)
         {
             Entry entry;
-            if (!_entries.TryGetValue(name, out entry) || entry.Shape.Length == 0) throw Bad("array '" + name + "' is missing");
+            if (!_entries.TryGetValue(name, out entry) || entry.Shape.Length == 0)
+                throw Bad("array '" + name + "' is missing");
             return (int)entry.Shape[0];
         }
 
@@ -3032,8 +3096,10 @@ namespace Adverb
                 {
                     Entry entry = each.Value;
                     string type = entry.Type == "F32" ? "<f4" : entry.Type == "F64" ? "<f8" : "<i8";
-                    string sides = string.Join(", ", Array.ConvertAll(entry.Shape, side => side.ToString(CultureInfo.InvariantCulture)));
-                    Feed(sha, "\n" + each.Key + ":" + type + ":(" + sides + (entry.Shape.Length == 1 ? "," : "") + ")\n");
+                    string sides = string.Join(", ", Array.ConvertAll(entry.Shape, side =>
+                        side.ToString(CultureInfo.InvariantCulture)));
+                    Feed(sha, "\n" + each.Key + ":" + type + ":(" + sides + (entry.Shape.Length == 1 ? "," : "")
+                        + ")\n");
                     sha.TransformBlock(_file, entry.Begin, entry.Bytes, null, 0);
                 }
                 sha.TransformFinalBlock(new byte[0], 0, 0);
@@ -3097,7 +3163,8 @@ namespace Adverb
             _j = (int)axes[1];
             _m = (int)axes[2];
             bool used = _kind != 0;
-            if (kind < 0 || kind > 2 || used && (Math.Min(_i, Math.Min(_j, _m)) < 0 || Math.Max(_i, Math.Max(_j, _m)) >= dims))
+            if (kind < 0 || kind > 2 || used
+                && (Math.Min(_i, Math.Min(_j, _m)) < 0 || Math.Max(_i, Math.Max(_j, _m)) >= dims))
                 throw VerbFile.Bad("the file does not describe a verb: chart '" + prefix + "'");
             _bend = file.Doubles(prefix + ".chart.bend", 4);
             _shift = file.Doubles(prefix + ".chart.shift", dims);
@@ -3263,11 +3330,13 @@ namespace Adverb
 
         static void Add(double[] weights, double share, double[] coefficients, int row)
         {
-            for (int i = 0, at = row * weights.Length; i < weights.Length; i++, at++) weights[i] += share * coefficients[at];
+            for (int i = 0, at = row * weights.Length; i < weights.Length; i++, at++)
+                weights[i] += share * coefficients[at];
         }
     }
 
-    /// <summary>Seconds and canonical time of one blend: a monotone cubic through its keytimes (Fritsch and Butland 1984).</summary>
+    /// <summary>Seconds and canonical time of one blend: a monotone cubic through its keytimes (Fritsch and Butland
+    /// 1984).</summary>
     sealed class TimeWarp
     {
         const double NewtonEnd = 1e-7;
@@ -3509,25 +3578,25 @@ namespace Adverb
         /// <summary>Whether the adverbs were outside the domain and were moved back.</summary>
         public bool Clamped;
 
-        /// <summary>Canonical time, beyond 1 in further cycles of a loop; seconds; duration of the motion or cycle.</summary>
+        /// <summary>Canonical time; beyond 1 in further cycles of a loop.</summary>
         public double Phase;
 
-        /// <summary>Canonical time, beyond 1 in further cycles of a loop; seconds; duration of the motion or cycle.</summary>
+        /// <summary>Seconds from the start.</summary>
         public double TimeS;
 
-        /// <summary>Canonical time, beyond 1 in further cycles of a loop; seconds; duration of the motion or cycle.</summary>
+        /// <summary>Duration of the motion or cycle, s.</summary>
         public double DurationS;
     }
 
     /// <summary>
-    /// Evaluates a verb without a server: weights and phase, or adverbs by <c>rbf</c> or <c>refined</c>, to poses. They are
-    /// those of the server with <c>plant: false</c>. Not for several threads at once; nothing is allocated per pose.
+    /// Evaluates a verb without a server: weights and phase, or adverbs by <c>rbf</c> or <c>refined</c>, to poses. They
+    /// are those of the server with <c>plant: false</c>. Not for several threads at once; nothing is allocated per pose.
     /// </summary>
     public sealed class VerbEvaluator
     {
         const double Shortest = 0.3, MaxCycles = 1000.0, MaxTimeS = 3600.0;
 
-        /// <summary>Name of the verb, and its examples.</summary>
+        /// <summary>Name of the verb.</summary>
         public readonly string Name;
 
         /// <summary>Names of the examples, in the order of weights.</summary>
@@ -3542,7 +3611,7 @@ namespace Adverb
         /// <summary>Joints.</summary>
         public readonly Skeleton Skeleton;
 
-        /// <summary>Keytimes: names, and canonical times.</summary>
+        /// <summary>Names of the keytimes.</summary>
         public readonly string[] KeytimeNames;
 
         /// <summary>Canonical times of the keytimes.</summary>
@@ -3576,7 +3645,8 @@ namespace Adverb
                 int joints = Skeleton.Names.Length;
                 _curves = file.Floats("curves", -1, examples, 4 + 4 * joints);
                 _intervals = file.Rows("curves") - 3;
-                if (_intervals < 1 || examples < 1 || KeytimeNames.Length < 2) throw VerbFile.Bad("the verb has no motion");
+                if (_intervals < 1 || examples < 1 || dims < 1 || KeytimeNames.Length < 2)
+                    throw VerbFile.Bad("the verb has no motion");
                 _references = file.Doubles("references", joints, 4);
                 _vectors = Json.Integer(facts, "rotation_mode") == 1;
                 KeytimePhases = file.Doubles("phases", KeytimeNames.Length);
@@ -3626,7 +3696,8 @@ namespace Adverb
         /// <param name="adverbs">All adverbs in the verb's order.</param>
         /// <param name="phase">Canonical time 0–1; in a loop up to 1,000. NaN: see <paramref name="timeS"/>.</param>
         /// <param name="into">Written.</param>
-        /// <param name="method"><c>rbf</c> or <c>refined</c>, which is <c>rbf</c> where there are no pseudo-examples.</param>
+        /// <param name="method"><c>rbf</c> or <c>refined</c>, which is <c>rbf</c> where there are no
+        /// pseudo-examples.</param>
         /// <param name="timeS">Seconds from the start, where the phase is NaN.</param>
         public void Pose(double[] adverbs, double phase, EvaluatedPose into, string method = "rbf", double timeS = 0.0)
         {
@@ -3637,7 +3708,8 @@ namespace Adverb
                 if (double.IsNaN(_given[k]) || double.IsInfinity(_given[k]))
                     throw new AdverbException("out_of_range", "adverb " + Adverbs[k].Name + " is not finite");
             Basis basis = null;
-            if (method != "rbf" && method != "refined" || !(method == "refined" && _bases.TryGetValue("refined", out basis))
+            bool known = method == "rbf" || method == "refined";
+            if (!known || !(method == "refined" && _bases.TryGetValue("refined", out basis))
                 && !_bases.TryGetValue("rbf", out basis))
                 throw new AdverbException("unknown_method", "the evaluator has rbf and refined, not " + method);
             bool clamped = _domain.Clamp(_given, _inside);
@@ -3669,7 +3741,8 @@ namespace Adverb
             bool byTime = double.IsNaN(phase);
             double given = byTime ? timeS : phase, most = byTime ? MaxTimeS : Looping ? MaxCycles : 1.0;
             if (!(given >= 0.0 && given <= most))
-                throw new AdverbException("out_of_range", given.ToString(CultureInfo.InvariantCulture) + " is not in 0 to " + most);
+                throw new AdverbException("out_of_range", given.ToString(CultureInfo.InvariantCulture)
+                    + " is not in 0 to " + most);
             double whole = byTime ? _warp.DurationS : 1.0, cycles = Looping ? Math.Floor(given / whole) : 0.0;
             double rest = Math.Min(Math.Max(given - cycles * whole, 0.0), whole);
             into.DurationS = _warp.DurationS;
@@ -3749,7 +3822,8 @@ namespace Adverb
                 Dictionary<string, object> row = Json.AsObject(rows[k], "an adverb");
                 var range = ranges[k] as List<object>;
                 if (range == null || range.Count != 2) throw VerbFile.Bad("the file does not describe a verb: ranges");
-                found[k] = new AdverbInfo(Json.Text(row, "name"), Json.Text(row, "unit"), Json.Number(range[0], "ranges"),
+                found[k] = new AdverbInfo(Json.Text(row, "name"), Json.Text(row, "unit"),
+                    Json.Number(range[0], "ranges"),
                     Json.Number(range[1], "ranges"), Json.Flag(row, "style"));
             }
             return found;

@@ -66,7 +66,8 @@ namespace Adverb
             try
             {
                 await _stream.ConnectAsync();
-                var options = new OpenOptions { Fps = fps, Encoding = "q48", Frame = "unity", Speed = speed, Phase = phase };
+                var options = new OpenOptions { Fps = fps, Encoding = "q48", Frame = "unity", Speed = speed,
+                    Phase = phase };
                 AdverbChannel channel = await _stream.OpenAsync(verb, options);
                 Match(channel.Info.Skeleton);
                 _channel = channel;
@@ -152,8 +153,8 @@ namespace Adverb
         }
 
         /// <summary>
-        /// The rotation that brings the bone's limb to the direction of the joint's, then the bone's rest rotation. A bone
-        /// at the end, or with several limbs, turns as the bone above it.
+        /// The rotation that brings the bone's limb to the direction of the joint's, then the bone's rest rotation. A
+        /// bone at the end, or with several limbs, turns as the bone above it.
         /// </summary>
         void Correct(Bone bone)
         {
@@ -198,17 +199,20 @@ namespace Adverb
             return new Vector3(positions[3 * joint], positions[3 * joint + 1], positions[3 * joint + 2]);
         }
 
-        /// <summary>Bones of humanoid avatars by the joints of the built-in verbs; add those of your own verbs.</summary>
+        /// <summary>Bones of humanoid avatars by the joints of the built-in verbs; add those of your own
+        /// verbs.</summary>
         public static readonly Dictionary<string, HumanBodyBones> Humanoid = new Dictionary<string, HumanBodyBones>
         {
             { "Hips", HumanBodyBones.Hips }, { "Spine", HumanBodyBones.Spine }, { "Spine1", HumanBodyBones.Chest },
             { "Spine2", HumanBodyBones.UpperChest }, { "Neck", HumanBodyBones.Neck }, { "Head", HumanBodyBones.Head },
             { "LeftShoulder", HumanBodyBones.LeftShoulder }, { "LeftArm", HumanBodyBones.LeftUpperArm },
             { "LeftForeArm", HumanBodyBones.LeftLowerArm }, { "LeftHand", HumanBodyBones.LeftHand },
-            { "LeftHandMiddle1", HumanBodyBones.LeftMiddleProximal }, { "LeftHandThumb1", HumanBodyBones.LeftThumbProximal },
+            { "LeftHandMiddle1", HumanBodyBones.LeftMiddleProximal },
+            { "LeftHandThumb1", HumanBodyBones.LeftThumbProximal },
             { "RightShoulder", HumanBodyBones.RightShoulder }, { "RightArm", HumanBodyBones.RightUpperArm },
             { "RightForeArm", HumanBodyBones.RightLowerArm }, { "RightHand", HumanBodyBones.RightHand },
-            { "RightHandMiddle1", HumanBodyBones.RightMiddleProximal }, { "RightHandThumb1", HumanBodyBones.RightThumbProximal },
+            { "RightHandMiddle1", HumanBodyBones.RightMiddleProximal },
+            { "RightHandThumb1", HumanBodyBones.RightThumbProximal },
             { "LeftUpLeg", HumanBodyBones.LeftUpperLeg }, { "LeftLeg", HumanBodyBones.LeftLowerLeg },
             { "LeftFoot", HumanBodyBones.LeftFoot }, { "LeftToeBase", HumanBodyBones.LeftToes },
             { "RightUpLeg", HumanBodyBones.RightUpperLeg }, { "RightLeg", HumanBodyBones.RightLowerLeg },

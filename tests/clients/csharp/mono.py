@@ -28,6 +28,8 @@ def missing() -> str:
 def compile_cs(output: Path, sources: list[Path], *references: str, library: bool = False) -> str:
     """Compile sources at the language level of the client; warnings are errors. Returns the output of the compiler."""
     options = ["-langversion:6", "-warn:4", "-warnaserror", f"-target:{'library' if library else 'exe'}"]
+    if library:
+        options.append(f"-doc:{output.with_suffix('.xml')}")  # public names without documentation are errors
     options += [f"-r:{reference}" for reference in references]
     command = ["mcs", *options, f"-out:{output}", *map(str, sources)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
@@ -37,9 +39,7 @@ def compile_cs(output: Path, sources: list[Path], *references: str, library: boo
 
 def run(program: Path, *arguments: str) -> Any:
     """Output of a program, which prints JSON."""
-    done = subprocess.run(
-        ["mono", str(program), *arguments], capture_output=True, text=True, timeout=300, check=False
-    )
+    done = subprocess.run(["mono", str(program), *arguments], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout)
 

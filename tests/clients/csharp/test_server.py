@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import socket
+from contextlib import ExitStack
 from types import MappingProxyType
 
 import numpy as np
@@ -63,9 +64,10 @@ def test_a_server_that_is_down_is_an_error(program, drive):
 
 
 def test_a_server_that_does_not_answer_is_an_error(drive):
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        with drive(f"http://127.0.0.1:{silent.getsockname()[1]}", timeout=0.5) as driver:
-            assert driver.until("failed")["code"] == "offline"
+    with ExitStack() as stack:
+        silent = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+        driver = stack.enter_context(drive(f"http://127.0.0.1:{silent.getsockname()[1]}", timeout=0.5))
+        assert driver.until("failed")["code"] == "offline"
 
 
 def test_a_thousand_random_poses_are_those_of_the_server(program, all_verbs):
@@ -92,6 +94,16 @@ def test_streamed_poses_are_those_of_the_server(drive, all_verbs, encoding, tole
             found = np.reshape(row["positions"], (-1, 3)) * (mirror, 1.0, 1.0)
             assert np.linalg.norm(found - expected, axis=1).max() <= tolerance_m
             assert driver.stats()["decode_errors"] == 0
+
+
+def test_poses_become_those_of_unity(program, drive):
+    values = {}
+    for frame in ("gltf", "unity"):
+        with drive(verb="reach", options={"Play": False, "Phase": 0.25, "Frame": frame}) as driver:
+            values[frame] = driver.until("pose", lambda row: row["number"] > 3)["values"]
+    found = run(program, "flip", json.dumps(values["gltf"]))
+    np.testing.assert_allclose(found, values["unity"], atol=1e-6)
+    assert np.abs(np.subtract(found, values["gltf"])).max() > 0.01
 
 
 def test_streamed_weights_sum_to_one(drive):

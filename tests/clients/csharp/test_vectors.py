@@ -204,8 +204,6 @@ def test_damaged_files_and_wrong_arguments_are_rejected(program):
     assert [row.partition(":")[0] for row in found[:6]] == ["artifact_invalid"] * 6
 
 
-def test_a_pose_takes_microseconds(program, capsys):
+def test_the_speed_is_measured(program):
     found = run(program, "bench", str(evaluator_vectors.ROOT / "verbs" / "library"), "reach,locomotion,arm3")
-    with capsys.disabled():
-        print("\nC#, microseconds:", found)
     assert all(time_us > 0 for row in found.values() for time_us in row.values())

@@ -105,7 +105,8 @@ sealed class Driver
         {
             var row = new Dictionary<string, object>
             {
-                { "event", found.Kind.ToString().ToLowerInvariant() }, { "channel", found.Channel }, { "name", found.Name },
+                { "event", found.Kind.ToString().ToLowerInvariant() }, { "channel", found.Channel },
+                { "name", found.Name },
                 { "phase", found.Phase }, { "version", found.Version }, { "detail", found.Detail },
                 { "close_code", found.CloseCode }, { "resumed", found.Resumed }, { "fields", found.Fields },
             };
@@ -120,9 +121,11 @@ sealed class Driver
         if (!_channel.Sample(_pose)) return;
         var row = new Dictionary<string, object>
         {
-            { "event", "pose" }, { "number", _stream.Stats.Messages }, { "verb", info.Verb }, { "version", _pose.Version },
+            { "event", "pose" }, { "number", _stream.Stats.Messages }, { "verb", info.Verb },
+            { "version", _pose.Version },
             { "phase", _pose.Phase }, { "time", _pose.TimeS }, { "ended", _pose.Ended }, { "held", _pose.Held },
-            { "delay", _pose.DelayS }, { "error", Fields.Finite(_pose.Error) }, { "support", Fields.Finite(_pose.Support) },
+            { "delay", _pose.DelayS }, { "error", Fields.Finite(_pose.Error) },
+            { "support", Fields.Finite(_pose.Support) },
             { "values", _pose.Values },
         };
         if (!_pose.IsWeights && info.Joints.Length == info.Skeleton.Names.Length && info.Space == "local")
@@ -139,9 +142,11 @@ sealed class Driver
         StreamStats stats = _stream.Stats;
         Program.Print(new Dictionary<string, object>
         {
-            { "event", "stats" }, { "live", _stream.Live }, { "reconnects", stats.Reconnects }, { "resumes", stats.Resumes },
+            { "event", "stats" }, { "live", _stream.Live }, { "reconnects", stats.Reconnects },
+            { "resumes", stats.Resumes },
             { "decode_errors", stats.DecodeErrors }, { "last_error", stats.LastError }, { "gaps", stats.Gaps },
-            { "records", stats.Records }, { "dropped", stats.Dropped }, { "round_trip", Fields.Finite(_stream.Clock.RoundTripS) },
+            { "records", stats.Records }, { "dropped", stats.Dropped },
+            { "round_trip", Fields.Finite(_stream.Clock.RoundTripS) },
         });
     }
 

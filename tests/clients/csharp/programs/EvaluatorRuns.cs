@@ -73,7 +73,8 @@ static class EvaluatorRuns
             Failure(() => new VerbEvaluator(new byte[12])), Failure(() => new VerbEvaluator(new byte[64])),
             Failure(() => new VerbEvaluator(newer)), Failure(() => new VerbEvaluator(deep)),
             Failure(() => evaluator.Ordered(new Dictionary<string, double> { { "x", 0.5 } })),
-            Failure(() => evaluator.Ordered(new Dictionary<string, double> { { "x", 0.5 }, { "y", 0.2 }, { "z", 1.0 } })),
+            Failure(() => evaluator.Ordered(new Dictionary<string, double> { { "x", 0.5 }, { "y", 0.2 },
+            { "z", 1.0 } })),
             Failure(() => evaluator.Pose(new[] { 0.5, double.NaN }, 0.5, pose)),
             Failure(() => evaluator.Pose(middle, 1.5, pose)), Failure(() => evaluator.Pose(middle, 0.5, pose, "magic")),
             Failure(() => evaluator.PoseOf(new double[1], 0.5, pose)), Failure(() => evaluator.Pose(middle, 0.5, pose)),
@@ -128,7 +129,8 @@ static class EvaluatorRuns
         WireRecord theirs = await client.PoseAsync(verb.Name, adverbs, options);
         var ours = new EvaluatedPose();
         evaluator.Pose(evaluator.Ordered(adverbs), byTime ? double.NaN : at, ours, options.Method, at);
-        if (ours.Clamped != theirs.Clamped || Math.Abs(ours.Phase - theirs.Phase) > 1e-5) return double.PositiveInfinity;
+        if (ours.Clamped != theirs.Clamped || Math.Abs(ours.Phase - theirs.Phase) > 1e-5)
+            return double.PositiveInfinity;
         var a = new float[3 * verb.Skeleton.Names.Length];
         var b = new float[a.Length];
         verb.Skeleton.Solve(theirs.Values, a);
@@ -144,7 +146,8 @@ static class EvaluatorRuns
         return value * value;
     }
 
-    /// <summary>Microseconds of weights and pose, of a pose of weights and of joint positions, for verb files of a folder.</summary>
+    /// <summary>Microseconds of weights and pose, of a pose of weights and of joint positions, for verb files of a
+    /// folder.</summary>
     internal static object Bench(string folder, string names)
     {
         var found = new Dictionary<string, object>();

@@ -26,7 +26,8 @@ static class JitterRuns
                 default: found.Add(buffer.Sample(fields["now"].Num(), pose) ? Row(pose) : null); break;
             }
         }
-        return new Dictionary<string, object> { { "samples", found }, { "late", buffer.Late }, { "duplicates", buffer.Duplicates } };
+        return new Dictionary<string, object> { { "samples", found }, { "late", buffer.Late },
+        { "duplicates", buffer.Duplicates } };
     }
 
     static WireRecord Record(Dictionary<string, object> fields, bool weights)
@@ -48,7 +49,8 @@ static class JitterRuns
     {
         return new Dictionary<string, object>
         {
-            { "numbers", new[] { pose.ServerTimeS, pose.Phase, pose.TimeS, pose.DurationS, pose.DelayS, pose.ExtrapolatedS } },
+            { "numbers", new[] { pose.ServerTimeS, pose.Phase, pose.TimeS, pose.DurationS, pose.DelayS,
+                pose.ExtrapolatedS } },
             { "error", Fields.Finite(pose.Error) }, { "version", pose.Version },
             { "flags", new[] { pose.Clamped, pose.InTransition, pose.Ended, pose.Held, pose.IsWeights } },
             { "values", (float[])pose.Values.Clone() },

@@ -15,9 +15,12 @@ static class Program
             case "jitter": Print(JitterRuns.Run(Read(arguments[1]))); return 0;
             case "evaluate": Print(EvaluatorRuns.Vectors(Read(arguments[1]), arguments[2])); return 0;
             case "damage": Print(EvaluatorRuns.Damage(arguments[1])); return 0;
-            case "server": Print(EvaluatorRuns.Server(arguments[1], int.Parse(arguments[2])).GetAwaiter().GetResult()); return 0;
+            case "server":
+                Print(EvaluatorRuns.Server(arguments[1], int.Parse(arguments[2])).GetAwaiter().GetResult()); return 0;
+            case "flip": Print(Flipped(arguments[1])); return 0;
             case "bench": Print(EvaluatorRuns.Bench(arguments[1], arguments[2])); return 0;
-            case "rest": Print(RestRuns.Run(arguments[1], Json.ParseObject(arguments[2])).GetAwaiter().GetResult()); return 0;
+            case "rest":
+                Print(RestRuns.Run(arguments[1], Json.ParseObject(arguments[2])).GetAwaiter().GetResult()); return 0;
             case "stream": return new Driver(Json.ParseObject(arguments[1])).Run().GetAwaiter().GetResult();
             default: return 2;
         }
@@ -26,6 +29,13 @@ static class Program
     static Dictionary<string, object> Read(string path)
     {
         return Json.ParseObject(File.ReadAllText(path));
+    }
+
+    static float[] Flipped(string values)
+    {
+        float[] found = Json.Parse(values).Singles();
+        Frames.FlipPose(found);
+        return found;
     }
 
     internal static void Print(object value)

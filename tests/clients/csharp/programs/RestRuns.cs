@@ -15,11 +15,14 @@ static class RestRuns
             {
                 { "verbs", await Try(async () => Array.ConvertAll(await client.VerbsAsync(), verb => verb.Name)) },
                 { "describe", await Try(async () => (await client.DescribeAsync("arm3")).Skeleton.Names) },
-                { "pose", await Try(async () => (await client.PoseAsync("arm3", adverbs, new PoseOptions { Phase = 0.5 })).Values) },
-                { "sequence", await Try(async () => Array.ConvertAll(await client.SequenceAsync("arm3", adverbs, 30.0), row => row.Phase)) },
+                { "pose", await Try(async () => (await client.PoseAsync("arm3", adverbs, new PoseOptions {
+                    Phase = 0.5 })).Values) },
+                { "sequence", await Try(async () => Array.ConvertAll(await client.SequenceAsync("arm3", adverbs, 30.0),
+                    row => row.Phase)) },
                 { "artifact", await Try(async () => (await client.DownloadArtifactAsync("arm3")).Length) },
                 { "unknown", await Try(async () => (await client.PoseAsync("arm4", adverbs)).Values) },
-                { "missing", await Try(async () => (await client.PoseAsync("arm3", new Dictionary<string, double>())).Values) },
+                { "missing", await Try(async () => (await client.PoseAsync("arm3",
+                    new Dictionary<string, double>())).Values) },
             };
     }
 
@@ -39,7 +42,8 @@ static class RestRuns
     {
         return new Dictionary<string, object>
         {
-            { "code", error.Code }, { "detail", error.Detail }, { "status", error.Status }, { "request", error.RequestId },
+            { "code", error.Code }, { "detail", error.Detail }, { "status", error.Status },
+            { "request", error.RequestId },
         };
     }
 }

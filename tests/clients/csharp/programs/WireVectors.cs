@@ -18,7 +18,8 @@ static class WireVectors
             { "many", vectors["bulk_adverb_messages"].List().ConvertAll(Many) },
             { "clocks", vectors["clocks"].List().ConvertAll(Clock) },
             { "lateness", vectors["jitter"].List().ConvertAll(Late) },
-            { "texts", vectors["client_messages"].List().ConvertAll(row => Json.Parse(Json.Write(row.Map()["fields"]))) },
+            { "texts", vectors["client_messages"].List().ConvertAll(row =>
+                Json.Parse(Json.Write(row.Map()["fields"]))) },
             { "allocated", Allocated(vectors["pose_messages"].List()) },
         };
     }
@@ -34,7 +35,8 @@ static class WireVectors
     static WireLayout LayoutOf(object row)
     {
         Dictionary<string, object> fields = row.Map();
-        return WireLayout.Of((string)fields["encoding"], (int)fields["joints"].Num(), (int)fields["record_bytes"].Num());
+        return WireLayout.Of((string)fields["encoding"], (int)fields["joints"].Num(),
+            (int)fields["record_bytes"].Num());
     }
 
     static object Pose(object vector)
@@ -119,14 +121,16 @@ static class WireVectors
     {
         var clock = new ServerClock();
         foreach (object ping in vector.Map()["pings"].List())
-            clock.Add(ping.Map()["sent_s"].Num(), ping.Map()["arrived_s"].Num(), long.Parse((string)ping.Map()["server_time_ns"]));
+            clock.Add(ping.Map()["sent_s"].Num(), ping.Map()["arrived_s"].Num(),
+                long.Parse((string)ping.Map()["server_time_ns"]));
         return new[] { clock.OffsetS, clock.RoundTripS };
     }
 
     static object Late(object vector)
     {
         var lateness = new Lateness();
-        foreach (object row in vector.Map()["arrived_due_s"].List()) lateness.Add(row.List()[0].Num(), row.List()[1].Num());
+        foreach (object row in vector.Map()["arrived_due_s"].List())
+            lateness.Add(row.List()[0].Num(), row.List()[1].Num());
         double smallest, late;
         lateness.Measure(out smallest, out late);
         return new[] { smallest, late, new JitterBuffer(lateness, vector.Map()["interval_s"].Num()).DelayS };

@@ -1,4 +1,5 @@
-// An avatar with the verb's limbs, 1.5 times as long, other bone axes and lowered arms performs a pose; prints where its
+// An avatar with the verb's limbs, 1.5 times as long, other bone axes and lowered arms performs a pose; prints where
+// its
 // hand meets the goal and how far limbs are from their directions.
 
 using System;
@@ -84,12 +85,14 @@ static class Figure
         var positions = new float[3 * bones.Length];
         skeleton.Solve(pose.Values, positions);
         var found = new List<object>();
-        foreach (string name in new[] { "LeftForeArm", "LeftHand", "RightForeArm", "RightHand", "LeftLeg", "LeftFoot", "RightLeg" })
+        foreach (string name in new[] { "LeftForeArm", "LeftHand", "RightForeArm", "RightHand", "LeftLeg", "LeftFoot",
+            "RightLeg" })
         {
             int j = skeleton.IndexOf(name), parent = skeleton.Parents[j];
             Vector3 theirs = Quaternion.Inverse(figure.transform.rotation) * (bones[j].position - bones[parent].position);
             Vector3 ours = Point(positions, j) - Point(positions, parent);
-            found.Add((theirs.x * ours.x + theirs.y * ours.y + theirs.z * ours.z) / (theirs.magnitude * ours.magnitude));
+            found.Add((theirs.x * ours.x + theirs.y * ours.y
+                + theirs.z * ours.z) / (theirs.magnitude * ours.magnitude));
         }
         return found;
     }

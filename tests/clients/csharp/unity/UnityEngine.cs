@@ -106,7 +106,8 @@ namespace UnityEngine
     public enum HumanBodyBones
     {
         Hips, LeftUpperLeg, RightUpperLeg, LeftLowerLeg, RightLowerLeg, LeftFoot, RightFoot, Spine, Chest, Neck, Head,
-        LeftShoulder, RightShoulder, LeftUpperArm, RightUpperArm, LeftLowerArm, RightLowerArm, LeftHand, RightHand, LeftToes,
+        LeftShoulder, RightShoulder, LeftUpperArm, RightUpperArm, LeftLowerArm, RightLowerArm, LeftHand, RightHand,
+            LeftToes,
         RightToes, LeftThumbProximal, LeftMiddleProximal, RightThumbProximal, RightMiddleProximal, UpperChest,
     }
 

@@ -129,19 +129,19 @@ class Run:
 
     async def _watch(self) -> None:
         """Sample processes and print progress until cancelled."""
-        told_s, told = 0.0, 0
+        printed_s, printed = 0.0, 0
         while True:
             await asyncio.to_thread(self.cluster.sample, self.ledger)
-            if self.ledger.now_s() - told_s > TELL_S:
-                told_s, ledger = self.ledger.now_s(), self.ledger
+            if self.ledger.now_s() - printed_s > TELL_S:
+                printed_s, ledger = self.ledger.now_s(), self.ledger
                 live = sum(stream.alive(FRESH_S) for stream in self.streams)
                 say(
-                    f"{told_s:7.1f} s  {live} streams with frames, {ledger.messages} messages, "
+                    f"{printed_s:7.1f} s  {live} streams with frames, {ledger.messages} messages, "
                     f"{len(ledger.versions)} versions, {len(ledger.jobs)} refinements, {len(ledger.wrong)} wrong"
                 )
-                for problem in ledger.wrong[told : told + SHOWN]:
+                for problem in ledger.wrong[printed : printed + SHOWN]:
                     say(f"           wrong: {problem[:400]}")
-                told = len(ledger.wrong)
+                printed = len(ledger.wrong)
             await asyncio.sleep(SAMPLE_S)
 
     async def _recover(self) -> int:

@@ -38,6 +38,13 @@ test("JavaScript runs as it is", async () => {
   expect(lines).toEqual([[31, 1]]);
 });
 
+test("C# has the goal and the options of the client", () => {
+  const text = snippet("C#", wanted);
+  expect(text).toContain('new AdverbClient("http://127.0.0.1:8000")');
+  expect(text).toContain('{ { "x", -0.3 }, { "it\'s", 1.2 } };');
+  expect(text).toContain('SequenceAsync("reach", goal, fps: 30, options: new PoseOptions { Method = "rbf" });');
+});
+
 test.each(LANGUAGES)("%s reads a key from the environment, where the server needs one", (language) => {
   expect(snippet(language, { ...wanted, keyed: true })).toContain("ADVERB_KEY");
   expect(snippet(language, wanted)).not.toContain("ADVERB_KEY");

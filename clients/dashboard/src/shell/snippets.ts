@@ -11,10 +11,15 @@ export interface Wanted {
   readonly keyed: boolean;
 }
 
-export const LANGUAGES = ["curl", "Python", "JavaScript"] as const;
+export const LANGUAGES = ["curl", "Python", "JavaScript", "C#"] as const;
 export type Language = (typeof LANGUAGES)[number];
 
-const WRITERS: Record<Language, (wanted: Wanted) => string> = { curl, Python: python, JavaScript: javascript };
+const WRITERS: Record<Language, (wanted: Wanted) => string> = {
+  curl,
+  Python: python,
+  JavaScript: javascript,
+  "C#": csharp,
+};
 
 export function snippet(language: Language, wanted: Wanted): string {
   return WRITERS[language](wanted);
@@ -62,6 +67,22 @@ function javascript({ server, verb, request, keyed }: Wanted): string {
     "});",
     "const motion = await response.json();",
     "console.log(motion.frames, motion.duration);",
+    "",
+  ].join("\n");
+}
+
+/** Statements for an asynchronous method, with `using System; using System.Collections.Generic; using Adverb;`. */
+function csharp({ server, verb, request, keyed }: Wanted): string {
+  const goal = Object.entries(request.adverbs ?? {}).map(([name, value]) => `{ ${JSON.stringify(name)}, ${value} }`);
+  const key = keyed ? ', Environment.GetEnvironmentVariable("ADVERB_KEY")' : "";
+  const options = request.method ? `, options: new PoseOptions { Method = ${JSON.stringify(request.method)} }` : "";
+  return [
+    `using (var client = new AdverbClient(${JSON.stringify(server)}${key})) // clients/csharp/Adverb.cs`,
+    "{",
+    `    var goal = new Dictionary<string, double> { ${goal.join(", ")} };`,
+    `    WireRecord[] motion = await client.SequenceAsync(${JSON.stringify(verb)}, goal, fps: ${request.fps}${options});`,
+    '    Console.WriteLine(motion.Length + " frames");',
+    "}",
     "",
   ].join("\n");
 }

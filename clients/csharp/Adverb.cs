@@ -2158,7 +2158,7 @@ namespace Adverb
         long _droppedBefore, _lastPing, _barrier;
         bool _live, _connected;
         int _closeCode, _failures;
-        double _heardS, _lostS = double.NaN, _drainS;
+        double _receivedS, _lostS = double.NaN, _drainS;
         Dictionary<string, object> _hello, _view;
 
         /// <summary>Makes a stream; <see cref="ConnectAsync"/> connects it.</summary>
@@ -2252,7 +2252,7 @@ namespace Adverb
             }
             try
             {
-                await AskAsync(channel, channel.OpenMessage, timeoutS, true).ConfigureAwait(false);
+                await RequestAsync(channel, channel.OpenMessage, timeoutS, true).ConfigureAwait(false);
             }
             catch
             {
@@ -2346,7 +2346,7 @@ namespace Adverb
 
         // --- requests ---
 
-        async Task AskAsync(AdverbChannel channel, Func<Dictionary<string, object>> message, double timeoutS,
+        async Task RequestAsync(AdverbChannel channel, Func<Dictionary<string, object>> message, double timeoutS,
             bool retry)
         {
             await channel.Requests.WaitAsync().ConfigureAwait(false);
@@ -2369,7 +2369,7 @@ namespace Adverb
             {
                 while (true)
                 {
-                    Task<AdverbException> answer = Ask(channel, message);
+                    Task<AdverbException> answer = SendRequest(channel, message);
                     double left = Math.Max(end - NowS, 0.0);
                     await Task.WhenAny(answer, Task.Delay(TimeSpan.FromSeconds(left))).ConfigureAwait(false);
                     if (!answer.IsCompleted)
@@ -2387,7 +2387,7 @@ namespace Adverb
             }
         }
 
-        Task<AdverbException> Ask(AdverbChannel channel, Func<Dictionary<string, object>> message)
+        Task<AdverbException> SendRequest(AdverbChannel channel, Func<Dictionary<string, object>> message)
         {
             lock (Gate)
             {
@@ -2543,7 +2543,7 @@ namespace Adverb
         /// <summary>Reads until the connection ends; writes and pings beside it.</summary>
         async Task ServeAsync(ClientWebSocket socket, CancellationTokenSource cancel)
         {
-            _heardS = NowS;
+            _receivedS = NowS;
             Task write = WriteAsync(socket, cancel.Token), ping = PingAsync(socket, cancel.Token);
             try
             {
@@ -2604,7 +2604,7 @@ namespace Adverb
                 }
                 while (!part.EndOfMessage);
                 if (part.MessageType == WebSocketMessageType.Close) return;
-                _heardS = NowS;
+                _receivedS = NowS;
                 lock (Gate) Receive(buffer, length, part.MessageType == WebSocketMessageType.Text, NowS);
             }
         }
@@ -2653,7 +2653,7 @@ namespace Adverb
             for (int k = 0; ; k++)
             {
                 await Task.Delay(k < 5 ? 100 : 1000, cancel).ConfigureAwait(false);
-                if (NowS - _heardS > SilenceS) socket.Abort();
+                if (NowS - _receivedS > SilenceS) socket.Abort();
                 lock (Gate)
                 {
                     if (_hello == null) continue;
@@ -2987,12 +2987,11 @@ namespace Adverb
             if (length < 2 || length > MaxHeaderBytes || length > (ulong)file.Length - 8)
                 throw Bad("not a verb file: it is not a safetensors file");
             _start = 8 + (int)length;
-            string facts;
             try
             {
                 string text = new UTF8Encoding(false, true).GetString(file, 8, (int)length);
                 Dictionary<string, object> header = Json.ParseObject(text);
-                facts = Json.Text(Json.AsObject(Json.Get(header, "__metadata__"), "__metadata__"), "adverb");
+                string facts = Json.Text(Json.AsObject(Json.Get(header, "__metadata__"), "__metadata__"), "adverb");
                 Facts = Json.ParseObject(facts);
                 long format = Json.Integer(Facts, "format");
                 if (format < 1 || format > Format)
@@ -3000,13 +2999,13 @@ namespace Adverb
                 foreach (KeyValuePair<string, object> each in header)
                     if (each.Key != "__metadata__")
                         _entries.Add(each.Key, EntryOf(each.Key, Json.AsObject(each.Value, each.Key)));
+                Verify(facts);
             }
             catch (Exception error) when (error is ArgumentException || error is AdverbException
                 && ((AdverbException)error).Code == "malformed")
             {
                 throw Bad("not a verb file: its header is invalid: " + error.Message);
             }
-            Verify(facts);
         }
 
         internal bool Has(string name)

@@ -94,6 +94,10 @@ def test_json_is_written_as_it_was_read(wire):
     assert wire["texts"] == [row["fields"] for row in VECTORS["client_messages"]]
 
 
+def test_damaged_messages_have_no_other_errors(wire):
+    assert 10_000 < wire["damaged"] < 40_000
+
+
 def test_frames_are_decoded_and_displayed_without_allocation(wire):
     assert wire["allocated"] < 20_000, "20,000 frames allocate a byte each or more"
 

@@ -57,7 +57,7 @@ sealed class Driver
         while ((line = Console.In.ReadLine()) != null)
             try
             {
-                Obey(Json.ParseObject(line)).GetAwaiter().GetResult();
+                Apply(Json.ParseObject(line)).GetAwaiter().GetResult();
             }
             catch (AdverbException error)
             {
@@ -65,7 +65,7 @@ sealed class Driver
             }
     }
 
-    async Task Obey(Dictionary<string, object> command)
+    async Task Apply(Dictionary<string, object> command)
     {
         switch ((string)command["command"])
         {

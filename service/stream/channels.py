@@ -92,9 +92,11 @@ class Channels:
             *(request.channel, session, group, slot, request.fps, layout, form),
             events=request.events,
             support=request.support,
+            changes=request.send == "changes",
             priority=request.priority,
         )
         session.channels[request.channel] = channel
+        session.thinned += channel.changes
         self._of_key[session.caller] += 1
         self._ticks.add(session, channel.fps, time.monotonic())
         self.on_characters()
@@ -118,6 +120,8 @@ class Channels:
             half_life_s=request.half_life,
             following=request.follow,
         )
+        if channel.changes:
+            session.fresh.add(channel.number)
         if row is not None:
             characters.aim(slot, row)
         if request.priority is not None:
@@ -144,6 +148,7 @@ class Channels:
     def close(self, session: Session, number: int) -> None:
         """End a character."""
         channel = session.channels.pop(number)
+        session.thinned -= channel.changes
         self._of_key[session.caller] -= 1
         if self._of_key[session.caller] <= 0:
             del self._of_key[session.caller]

@@ -86,7 +86,20 @@ class Open(_ClientMessage):
     support: Annotated[bool, Field(description="Whether records have the support by the examples in their flags.")] = (
         False
     )
+    send: Annotated[
+        Literal["frames", "changes"],
+        Field(
+            description="`frames`: a record in every tick. `changes`, with the encoding `weights`: only where more "
+            "than phase and time differs from the record before, after `set`, and every few seconds."
+        ),
+    ] = "frames"
     priority: Priority = 1.0
+
+    @model_validator(mode="after")
+    def _send_fits(self) -> Self:
+        if self.send == "changes" and self.encoding != "weights":
+            raise ValueError("'send' may be 'changes' with the encoding 'weights' only")
+        return self
 
 
 class Set(_ClientMessage):

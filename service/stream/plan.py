@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from service.stream.connection import BINARY, DirectConnection, frame_head
 from service.stream.group import Group
@@ -17,10 +18,16 @@ from service.stream.session import Channel, Session
 from service.wire import HEADER, HEADER_WORDS, OP_POSES, U8, U32, WIRE, Targets
 from verbs.conventions import F64, I64
 
-__all__ = ["Budgeted", "Part", "Plan", "make"]
+__all__ = ["Budgeted", "Part", "Plan", "Sent", "Thinned", "make"]
 
 MAX_ARRANGED = 32
 """Arrangements of a session that are kept: one for each of its rates alone, and for some that are due together."""
+
+KEY_S = 3.0
+"""Time after which a record is sent also if it does not differ from the one before, seconds."""
+
+MOVING = (2, 3)
+"""Words of a record that change with time alone: phase and seconds."""
 
 HEAD_WORDS = 3
 """Words before each message, of which its WebSocket header takes the last 2, 4 or 10 bytes."""
@@ -39,6 +46,59 @@ class _Piece:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Sent:
+    """What was sent last of the records of one message.
+
+    Parameters
+    ----------
+    words : (W,) uint32
+        The records; phase and time count for nothing.
+    at_s : (R,) float64
+        When, on the monotonic clock.
+    starts : (R,) int64
+        First word of each record.
+    always : (R,) bool
+        Records that are sent in every tick.
+    """
+
+    words: U32
+    at_s: F64
+    starts: I64
+    always: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, channels: list[Channel]) -> Sent | None:
+        """Nothing is sent yet; None where all records are sent in every tick."""
+        if not any(channel.changes for channel in channels):
+            return None
+        sizes = np.array([channel.layout.words for channel in channels], np.int64)
+        return cls(
+            np.zeros(int(sizes.sum()), np.uint32),
+            np.full(len(channels), -np.inf),
+            np.cumsum(sizes) - sizes,
+            np.array([not channel.changes for channel in channels]),
+        )
+
+    def choose(self, words: U32, due_s: float, fresh: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Which records (R,) to send."""
+        differs = words != self.words
+        for moving in MOVING:
+            differs[self.starts + moving] = False
+        return np.logical_or.reduceat(differs, self.starts) | self.always | fresh | (due_s - self.at_s >= KEY_S)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Thinned:
+    """A message whose records are sent only where they differ from those sent last."""
+
+    index: int
+    session: Session
+    numbers: I64
+    sizes: I64
+    sent: Sent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Arranged:
     """The message of one session."""
 
@@ -47,6 +107,8 @@ class _Arranged:
     numbers: I64
     sizes: I64
     """Words of each record."""
+    sent: Sent | None
+    """Where some channels send changes only."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,6 +188,7 @@ class Plan:
         See :func:`service.stream.kernels.send_messages`.
     words : (W,) uint32
     budgeted : list of Budgeted
+    thinned : list of Thinned
     cost_s : float
         Time that the last ticks took to prepare, seconds.
     """
@@ -138,6 +201,7 @@ class Plan:
     rows: I64
     words: U32
     budgeted: list[Budgeted] = field(default_factory=list)
+    thinned: list[Thinned] = field(default_factory=list)
     cost_s: float = 0.0
 
     @property
@@ -153,6 +217,28 @@ class Plan:
         if size:
             self.data[start - len(head) : start] = np.frombuffer(head, np.uint8)
             HEADER.pack_into(self.data.data, start, OP_POSES, WIRE, records, 0, 0, 0)
+
+    def _records(self, thinned: Thinned) -> U32:
+        """The words of the records of a message, without its header."""
+        start = int(self.starts[thinned.index]) + HEADER_WORDS
+        return self.words[start : start + len(thinned.sent.words)]
+
+    def clear(self, thinned: Thinned) -> None:
+        """Remove the records of the tick before, which stand elsewhere."""
+        self._records(thinned)[:] = 0
+
+    def thin(self, thinned: Thinned, due_s: float) -> None:
+        """Keep the records of a message that are to be sent, without gaps."""
+        words, sent, session = self._records(thinned), thinned.sent, thinned.session
+        fresh = np.isin(thinned.numbers, list(session.fresh)) if session.fresh else np.zeros(len(sent.at_s), np.bool_)
+        keep = sent.choose(words, due_s, fresh)
+        session.fresh.difference_update(thinned.numbers.tolist())
+        mask = np.repeat(keep, thinned.sizes)
+        kept = words[mask]
+        sent.words[mask], sent.at_s[keep] = kept, due_s
+        words[: len(kept)] = kept
+        count = int(np.count_nonzero(keep))
+        self.set_message(thinned.index, count, 4 * (HEADER_WORDS + len(kept)) if count else 0)
 
 
 def make(sessions: Iterable[Session], rates: frozenset[int]) -> Plan:
@@ -193,6 +279,11 @@ def make(sessions: Iterable[Session], rates: frozenset[int]) -> Plan:
                 budgeted[index].pieces.append((part, row, piece.ranks))
             row += len(piece.slots)
     plan.budgeted = list(budgeted.values())
+    plan.thinned = [
+        Thinned(index, session, one.numbers, one.sizes, one.sent)
+        for index, (session, one) in enumerate(zip(chosen, arranged, strict=True))
+        if one.sent is not None and session.connected and session.interest is None
+    ]
     return plan
 
 
@@ -239,6 +330,7 @@ def _arrange(session: Session, rates: frozenset[int]) -> _Arranged:
         word,
         np.array([channel.number for channel in channels], np.int64),
         np.array([channel.layout.words for channel in channels], np.int64),
+        Sent.of(channels),
     )
 
 

@@ -78,6 +78,8 @@ class Channel:
         Whether its keytimes are reported.
     support : bool
         Whether its records have the support by the examples.
+    changes : bool
+        Whether its record is sent where it differs from the one before only.
     priority : float
         Weight where the session has a byte budget.
     flags : int
@@ -93,6 +95,7 @@ class Channel:
     form: Form
     events: bool = True
     support: bool = False
+    changes: bool = False
     priority: float = 1.0
     flags: int = 0
 
@@ -120,6 +123,10 @@ class Session:
         Number of channels of each fps.
     interest : Interest or None
         Priorities and budget, where the client has set a budget.
+    fresh : set of int
+        Channels whose next record is sent also if it does not differ.
+    thinned : int
+        Number of channels whose records are sent where they differ only.
     """
 
     def __init__(self, table: LineTable, *, slow_s: float, caller: str = "") -> None:
@@ -132,6 +139,8 @@ class Session:
         self.lost_at: float | None = None
         self.interest: Interest | None = None
         self.arranged: dict[frozenset[int], Any] = {}
+        self.fresh: set[int] = set()
+        self.thinned = 0
         self._aims: list[tuple[Group, I64, I64]] | None = None
         self._unread: tuple[int, int] | None = None
 
@@ -162,6 +171,7 @@ class Session:
         if self.connection is not None:
             self.connection.end(TAKEN_OVER, "another connection resumed this session")
         self.connection, self.lost_at, self._unread = connection, None, None
+        self.forget_sent()
         if isinstance(connection, DirectConnection):
             self._table.lines.socket[self.row] = connection.descriptor
         self.refresh()
@@ -199,6 +209,11 @@ class Session:
             self._unread = self.sequence, due_ns
         elif self.connection is not None and due_ns - self._unread[1] > self._slow_s * 1e9:
             self.connection.end(TOO_SLOW, f"the client read nothing for {self._slow_s:g} s")
+
+    def forget_sent(self) -> None:
+        """Send the next record of each channel, since one before may not have arrived."""
+        if self.thinned:
+            self.fresh.update(number for number, channel in self.channels.items() if channel.changes)
 
     def count_dropped(self, messages: int) -> None:
         """Count messages that were due and not sent, or sent over a lost connection and not received."""

@@ -134,6 +134,8 @@ class Ticks:
             for session in found.sessions:
                 session.count_dropped(missed)
             self._metrics.count_skipped(missed * len(found.sessions))
+        for thinned in found.thinned:
+            found.clear(thinned)
         for budgeted in found.budgeted:
             _choose(found, budgeted, max(count / fps for fps, count in steps.items()))
         for part in found.parts:
@@ -147,6 +149,8 @@ class Ticks:
                 _add_support(part, found.words)
             _collect_texts(part, step, prepared.texts)
             self._clear_flags(part)
+        for thinned in found.thinned:
+            found.thin(thinned, prepared.due_s)
         found.cost_s = max(time.perf_counter() - started_s, FALL * found.cost_s)
         return prepared
 
@@ -195,6 +199,7 @@ class Ticks:
         connection = session.connection
         if left == NOT_SENT:
             session.was_dropped(due_ns)
+            session.forget_sent()
             return session.refresh()
         start = 4 * int(found.starts[index])
         stop = start + int(found.sizes[index])

@@ -10,10 +10,11 @@ import numpy as np
 
 from adverb_client.skeleton import Space
 
-__all__ = ["Encoding", "Frame", "OpenOptions", "checked", "finite"]
+__all__ = ["Encoding", "Frame", "OpenOptions", "Sending", "checked", "finite"]
 
 Encoding = Literal["f32", "q48", "q32", "weights"]
 Frame = Literal["gltf", "unity", "unreal", "zup"]
+Sending = Literal["frames", "changes"]
 
 _BOUNDS = {
     "fps": (1, 120),
@@ -29,7 +30,12 @@ _BOUNDS = {
 }
 """Bounds of docs/wire.md."""
 
-_CHOICES = {"encoding": get_args(Encoding), "space": get_args(Space), "frame": get_args(Frame)}
+_CHOICES = {
+    "encoding": get_args(Encoding),
+    "space": get_args(Space),
+    "frame": get_args(Frame),
+    "send": get_args(Sending),
+}
 _FLAGS = ("play", "loop", "follow", "plant", "events", "support")
 
 
@@ -70,6 +76,9 @@ class OpenOptions(TypedDict, total=False):
         Whether keytimes are reported.
     support : bool
         Whether records have the support by the examples.
+    send : str
+        ``frames``, or ``changes`` with the encoding ``weights``: records only where more than phase and time differs.
+        Poses are not interpolated then; ``channel.buffer.last`` has the newest record.
     priority : float
         Weight of the channel where the stream has a byte budget, above 0, up to 1000; see ``Stream.view``.
     """
@@ -90,6 +99,7 @@ class OpenOptions(TypedDict, total=False):
     plant: bool
     events: bool
     support: bool
+    send: Sending
     priority: float
 
 

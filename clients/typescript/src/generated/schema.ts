@@ -1371,6 +1371,13 @@ export interface components {
              */
             priority: number;
             /**
+             * Send
+             * @description `frames`: a record in every tick. `changes`, with the encoding `weights`: only where more than phase and time differs from the record before, after `set`, and every few seconds.
+             * @default frames
+             * @enum {string}
+             */
+            send: "frames" | "changes";
+            /**
              * Space
              * @default local
              * @enum {string}

@@ -6,7 +6,8 @@ import pytest
 
 from service.catalog import catalog as catalogs
 from service.catalog.catalog import Catalog
-from tests.clients.typescript.node import Proxy, missing
+from tests.clients.proxy import Proxy
+from tests.clients.typescript.node import missing
 from tests.service.access.conftest import guarded  # noqa: F401 - a fixture
 from tests.service.stream.conftest import Server
 

@@ -206,7 +206,8 @@ def row_of(promise: Promise, found: Results) -> str:
     figures = [promise.figure(found)] if promise.figure else []
     passed, skipped = (sum(counts[test] for test in promise.tests) for counts in (found.passed, found.skipped))
     if promise.tests:
-        figures.append(f"{passed} tests pass" + (f", {skipped} skipped" if skipped else ""))
+        count = "1 test passes" if passed == 1 else f"{passed} tests pass"
+        figures.append(count + (f", {skipped} skipped" if skipped else ""))
     figures += [text for test in promise.tests for text in found.properties.get(test, [])]
     return f"| {promise.text} | {', '.join(shown)} | {'; '.join(figures)} |"
 

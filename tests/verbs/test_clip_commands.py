@@ -73,8 +73,10 @@ def test_the_ending_decides_the_format(tmp_path, file):
     call("trim", file, "--from", 0, "--to", 0.5, "-o", tmp_path / "a.bvh")
     one, other = (motion_files.read(tmp_path / f"a.{ending}").motion for ending in ("npz", "bvh"))
     np.testing.assert_allclose(one.root, other.root, atol=1e-7)
-    for name in ("a.glb", "a", "a.txt"):
-        with pytest.raises(MotionFileError, match=r"a name that ends in \.bvh or \.npz"):
+    call("trim", file, "--from", 0, "--to", 0.5, "-o", tmp_path / "a.glb")
+    np.testing.assert_allclose(motion_files.read(tmp_path / "a.glb").motion.root, one.root, atol=1e-6)
+    for name in ("a", "a.txt"):
+        with pytest.raises(MotionFileError, match=r"a name that ends in \.bvh or \.glb or"):
             call("trim", file, "--from", 0, "--to", 0.5, "-o", tmp_path / name)
         assert not (tmp_path / name).exists()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -28,14 +29,15 @@ def _late(job: Refinement, timeout_s: float) -> TimedOut:
     return TimedOut(f"refinement {job.id} is {job.state} after {timeout_s:g} s")
 
 
-class AuthoringCalls:
+class AuthoringCalls(ABC):
     """Versions, refinements, drafts and the list of changes."""
 
     _authoring: AuthoringApi
     _sleep: Callable[[float], None]
 
+    @abstractmethod
     def _run(self, operation: Operation[T]) -> T:
-        raise NotImplementedError
+        """Send the requests of an operation; the clients do."""
 
     def versions(self, verb: str) -> tuple[Version, ...]:
         """The versions of a verb, the newest first."""
@@ -213,14 +215,15 @@ class AuthoringCalls:
         return self._run(self._authoring.access())
 
 
-class AsyncAuthoringCalls:
+class AsyncAuthoringCalls(ABC):
     """As :class:`AuthoringCalls`, asynchronously."""
 
     _authoring: AuthoringApi
     _sleep: Callable[[float], Awaitable[None]]
 
+    @abstractmethod
     async def _run(self, operation: Operation[T]) -> T:
-        raise NotImplementedError
+        """Send the requests of an operation; the clients do."""
 
     async def versions(self, verb: str) -> tuple[Version, ...]:
         """As :meth:`AuthoringCalls.versions`."""

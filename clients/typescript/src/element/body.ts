@@ -67,13 +67,13 @@ export function bodyOf({ skeleton }: Verb): Body {
 
 /** What the picture has to show: its height and the height of its middle, m. */
 function frameOf({ joints, parents, offsets }: Rig): { height: number; middle: number } {
-  const places = new Float64Array(3 * joints);
-  for (let k = 0; k < places.length; k++) {
+  const positions = new Float64Array(3 * joints);
+  for (let k = 0; k < positions.length; k++) {
     const parent = parents[Math.floor(k / 3)] as number;
-    places[k] = (offsets[k] as number) + (parent < 0 ? 0 : (places[3 * parent + (k % 3)] as number));
+    positions[k] = (offsets[k] as number) + (parent < 0 ? 0 : (positions[3 * parent + (k % 3)] as number));
   }
   const extents = [0, 1, 2].map((a) => {
-    const values = places.filter((_, k) => k % 3 === a);
+    const values = positions.filter((_, k) => k % 3 === a);
     return Math.max(...values) - Math.min(...values);
   });
   const [largest, upright] = [Math.max(...extents, 0.2), 1.1 * (extents[1] as number)];

@@ -9,7 +9,7 @@
  * | `method`, `fps`, `speed` | as in `open` of the stream |
  * | `phase` | shows one pose, 0 to 1, instead of the motion |
  * | `paused` | holds the motion |
- * | `yaw` | direction of view, degrees; a pointer turns it |
+ * | `yaw` | direction of view, degrees; dragging changes it |
  *
  * The property `key` has the key of the server. The colour is that of the text, or `--adverb-figure-color`. The events
  * `load` and `error` (with the error as `detail`) report the figure. Elements of one server share a connection.

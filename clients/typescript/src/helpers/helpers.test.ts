@@ -21,7 +21,7 @@ beforeAll(async () => {
 });
 
 /** Rest positions of the verb's joints relative to the root. */
-function places(): Vector3[] {
+function positions(): Vector3[] {
   const out: Vector3[] = [];
   pose.skeleton.parents.forEach((parent, j) => {
     const offset = new Vector3().fromArray([...(pose.skeleton.offsets[j] as number[])]);
@@ -32,7 +32,7 @@ function places(): Vector3[] {
 
 /** The verb's skeleton as bones with rest axes, a scale, and a unit of its own. */
 function bones(axes: (j: number) => Quaternion, size = 1, name = (joint: string) => joint): Bone[] {
-  const rest = places();
+  const rest = positions();
   const all = pose.skeleton.names.map((joint) => Object.assign(new Bone(), { name: name(joint) }));
   pose.skeleton.parents.forEach((parent, j) => {
     const [bone, above] = [all[j] as Bone, all[parent]];
@@ -97,7 +97,7 @@ describe("three.js", () => {
 
 describe("VRM", () => {
   const avatar = (version: string) => {
-    const rest = places();
+    const rest = positions();
     const sign = version === "0" ? -1 : 1;
     const nodes = new Map<string, Object3D>();
     pose.skeleton.names.forEach((joint, j) => {
@@ -124,11 +124,11 @@ describe("VRM", () => {
     applyVrm(vrm as never, pose);
     const hand = vrm.nodes.get("rightHand")?.getWorldPosition(new Vector3()) as Vector3;
     if (version === "0") hand.set(-hand.x, hand.y, -hand.z);
-    const lowest = Math.min(...places().map(({ y }) => y));
+    const lowest = Math.min(...positions().map(({ y }) => y));
     const feet = Math.min(
       ...["leftToes", "rightToes"]
         .map((name) => pose.skeleton.names.findIndex((joint) => VRM_BONES[joint] === name))
-        .map((j) => (places()[j] as Vector3).y),
+        .map((j) => (positions()[j] as Vector3).y),
     );
     expect(feet).toBeCloseTo(lowest, 6);
     expect(hand.distanceTo(expected[pose.skeleton.names.indexOf("RightHand")] as Vector3)).toBeLessThan(1e-5);

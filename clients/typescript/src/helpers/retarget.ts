@@ -62,12 +62,12 @@ export class Retarget {
     this.corrections = new Float64Array(4 * bones.length);
     this.joints = matched(skeleton.names, bones, map);
     this.rest = restOf(bones);
-    const places = this.restPlaces();
+    const positions = this.restPositions();
     const turns: number[][] = [];
     this.joints.forEach((joint, bone) => {
-      if (joint >= 0) this.correct(bone, joint, places, turns);
+      if (joint >= 0) this.correct(bone, joint, positions, turns);
     });
-    this.heightRatio = this.ratio(places);
+    this.heightRatio = this.ratio(positions);
   }
 
   /** Number of mapped bones. */
@@ -107,24 +107,24 @@ export class Retarget {
   }
 
   /** Joint positions at rest. */
-  private restPlaces(): Float64Array {
+  private restPositions(): Float64Array {
     const values = new Float64Array(3 + 4 * this.rig.joints);
     for (let j = 0; j < this.rig.joints; j++) values[6 + 4 * j] = 1;
-    const places = new Float64Array(3 * this.rig.joints);
-    solve(this.rig, values, 0, places, this.rotations);
-    return places;
+    const positions = new Float64Array(3 * this.rig.joints);
+    solve(this.rig, values, 0, positions, this.rotations);
+    return positions;
   }
 
   /**
    * The rotation that brings the bone's limb to the direction of the joint's, then the bone's rest rotation. A bone at
    * the end, or with several limbs, turns as the bone above it.
    */
-  private correct(bone: number, joint: number, places: Float64Array, turns: number[][]): void {
+  private correct(bone: number, joint: number, positions: Float64Array, turns: number[][]): void {
     const child = this.onlyChild(bone);
     const turn = [...(turns[this.mappedParent(bone)] ?? IDENTITY)];
     if (child >= 0) {
       const from = difference(this.rest.positions, child, bone);
-      arc(turn, from, difference(places, this.joints[child] as number, joint));
+      arc(turn, from, difference(positions, this.joints[child] as number, joint));
     }
     turns[bone] = turn;
     multiply(this.corrections, 4 * bone, turn, 0, this.rest.rotations, 4 * bone);
@@ -146,13 +146,13 @@ export class Retarget {
   }
 
   /** Height of the target's root above its lowest bone, relative to the verb's. */
-  private ratio(places: Float64Array): number {
+  private ratio(positions: Float64Array): number {
     const root = this.joints.indexOf(0);
     if (root < 0) return 1;
     const heights = (points: Float64Array) => points.filter((_, k) => k % 3 === 1);
     const mapped = this.rest.positions.filter((_, k) => (this.joints[Math.floor(k / 3)] as number) >= 0);
     const theirs = (this.rest.positions[3 * root + 1] as number) - Math.min(...heights(mapped));
-    const ours = -Math.min(...heights(places));
+    const ours = -Math.min(...heights(positions));
     return ours > 0 && theirs > 0 ? theirs / ours : 1;
   }
 }

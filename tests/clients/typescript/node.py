@@ -1,4 +1,4 @@
-"""Node with the built package, and a proxy between it and a server."""
+"""Node with the built package."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ import os
 import queue
 import shutil
 import subprocess
-import threading
-import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+from tests.clients import driver
 
 PROJECT = Path(__file__).parents[3]
 PACKAGE = PROJECT / "clients" / "typescript"
 BUILT = PACKAGE / "dist" / "index.js"
 NODE = shutil.which("node")
 FOLDER = Path(__file__).parent
-PATIENCE_S = 60.0
 
 
 def missing() -> str:
@@ -46,56 +44,13 @@ def run(script: str, *arguments: str) -> Any:
     return json.loads(done.stdout)
 
 
-class Driver:
+class Driver(driver.Driver):
     """The program ``driver.mjs``."""
 
     def __init__(self, server: str, verb: str = "arm3", **settings: Any) -> None:
         assert NODE is not None
         arguments = json.dumps({"server": server, "verb": verb, **settings})
-        self.rows: queue.Queue[dict[str, Any] | None] = queue.Queue()
-        self.process = subprocess.Popen(
-            [NODE, str(FOLDER / "driver.mjs"), arguments],
-            env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def __enter__(self) -> Driver:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.process.kill()
-        self.process.wait(PATIENCE_S)
-        self._reader.join(PATIENCE_S)
-        for pipe in (self.process.stdin, self.process.stdout):
-            assert pipe is not None
-            with suppress(BrokenPipeError):
-                pipe.close()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.rows.put(json.loads(line))
-        self.rows.put(None)
-
-    def send(self, command: str, **fields: Any) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps({"command": command, **fields}) + "\n")
-        self.process.stdin.flush()
-
-    def until(self, event: str, holds: Callable[[dict[str, Any]], bool] = lambda _: True) -> dict[str, Any]:
-        """The next event of a name for which a condition holds; others before it are skipped."""
-        end, last = time.monotonic() + PATIENCE_S, None
-        while (left := end - time.monotonic()) > 0:
-            try:
-                row = self.rows.get(timeout=left)
-            except queue.Empty:
-                break
-            assert row is not None, f"the program ended before '{event}'; its last event was {last}"
-            if row["event"] == event and holds(row):
-                return row
-            last = row
-        raise AssertionError(f"no '{event}' in time; the last event was {last}")
+        super().__init__([NODE, str(FOLDER / "driver.mjs"), arguments], environment())
 
     def discard(self) -> None:
         """Skip the events so far."""

@@ -25,6 +25,12 @@ Run = Callable[[bytes], None]
 TURNS = 8
 """Turns of the event loop after which an endpoint waits for the next message."""
 
+TURNS_BETWEEN_PARTS = 2
+"""Turns after which an accepted endpoint has read what a part completes."""
+
+MAX_PARTS = 32
+"""Most parts of one input; the last one holds the rest."""
+
 
 # ── messages ─────────────────────────────────────────────────────────────────────────────────────────────────────────
 
@@ -174,23 +180,32 @@ def read_frames() -> Iterator[Run]:
     """First byte: length of the parts in which bytes arrive; the rest are frames. Both ways receive the same."""
     kernels.warm()
     loop = asyncio.new_event_loop()
-
-    def received(parts: list[bytes], *, direct: bool) -> tuple[list[Any], bool]:
-        endpoint, state = _Receiver(direct=direct), ServerState()
-        config = uvicorn.Config(
+    endpoints = {direct: _Receiver(direct=direct) for direct in (True, False)}
+    configs = {
+        direct: uvicorn.Config(
             endpoint, ws=StreamProtocol, ws_per_message_deflate=False, ws_max_size=65_536, ws_ping_interval=None,
             lifespan="off", log_config=None,
-        )  # fmt: skip
+        )
+        for direct, endpoint in endpoints.items()
+    }  # fmt: skip
+    for config in configs.values():
         config.load()
-        protocol = StreamProtocol(config, state, {}, loop)
-        transport = _Transport()
+
+    def received(parts: list[bytes], *, direct: bool) -> tuple[list[Any], bool]:
+        endpoint, state, transport = endpoints[direct], ServerState(), _Transport()
+        endpoint.received = []
+        protocol = StreamProtocol(configs[direct], state, {}, loop)
         protocol.connection_made(transport)  # type: ignore[arg-type]
 
         async def arrive() -> None:
-            for part in (_HANDSHAKE, *parts):
-                if not transport.closing:
-                    protocol.data_received(part)
-                for _ in range(TURNS):
+            protocol.data_received(_HANDSHAKE)
+            for _ in range(TURNS):
+                await asyncio.sleep(0)
+            for part in parts:
+                if transport.closing:
+                    break
+                protocol.data_received(part)
+                for _ in range(TURNS_BETWEEN_PARTS):
                     await asyncio.sleep(0)
             protocol.connection_lost(None)
             await asyncio.wait_for(asyncio.gather(*state.tasks), 60.0)
@@ -200,7 +215,8 @@ def read_frames() -> Iterator[Run]:
 
     def run(data: bytes) -> None:
         length = data[0] if data and data[0] else len(data) + 1
-        parts = [data[at : at + length] for at in range(1, len(data), length)][:256]
+        starts = range(1, len(data), length)[:MAX_PARTS]
+        parts = [data[at : at + length] for at in starts[:-1]] + [data[at:] for at in starts[-1:]]
         (first, _), (second, failed) = (received(parts, direct=direct) for direct in (True, False))
         common = min(len(first), len(second))
         assert first[:common] == second[:common]

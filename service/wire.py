@@ -290,6 +290,10 @@ class Targets(NamedTuple):
             np.concatenate([one.joints for one in some]),
         )
 
+    def only(self, rows: I64) -> Targets:
+        """The targets of some of the characters."""
+        return Targets(self.at[rows], self.heads[rows], self.layouts[rows], self.spans[rows], self.joints)
+
     def part(self, first: int, stop: int) -> Targets:
         """Views of the targets of some adjacent characters."""
         rows = slice(first, stop)

@@ -106,6 +106,7 @@ class Channels:
         """Change a character."""
         channel = session.channel(request.channel)
         characters, slot = channel.group.characters, channel.slot
+        channel.wake()
         row = None
         if request.adverbs is not None:
             names = [adverb.name for adverb in characters.verb.adverbs]
@@ -120,8 +121,6 @@ class Channels:
             half_life_s=request.half_life,
             following=request.follow,
         )
-        if channel.changes:
-            session.fresh.add(channel.number)
         if row is not None:
             characters.aim(slot, row)
         if request.priority is not None:
@@ -137,6 +136,7 @@ class Channels:
         entry = self._catalog().entry(request.verb)
         group = self._group(entry, request.method)
         layout = group.layout(channel.form)
+        channel.wake()
         slot = group.characters.go_on(
             *(channel.group.characters, channel.slot, request.adverbs),
             phase=request.phase,
@@ -153,7 +153,7 @@ class Channels:
         if self._of_key[session.caller] <= 0:
             del self._of_key[session.caller]
         self._ticks.drop(session, channel.fps)
-        channel.group.characters.remove(channel.slot)
+        channel.remove()
         self.on_characters()
 
     # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
@@ -189,6 +189,7 @@ class Channels:
             layout = group.layout(channel.form)
             if _names(entry) != _names(was.entry):
                 raise VerbError(f"its adverbs are {', '.join(_names(entry))}")
+            channel.wake()
             slot = group.characters.go_on(was.characters, channel.slot, transition_s=VERSION_S, same=True)
         except VerbError as err:
             detail = f"version {entry.version} of '{entry.verb.name}' cannot continue this channel: {err}"
@@ -207,7 +208,7 @@ class Channels:
     # ── parts ────────────────────────────────────────────────────────────────────────────────────────────────────
 
     def _move(self, channel: Channel, group: Group, slot: int, layout: Layout) -> None:
-        channel.group.characters.remove(channel.slot)
+        channel.remove()
         channel.group, channel.slot, channel.layout = group, slot, layout
         self._ticks.changed(channel.session)
 

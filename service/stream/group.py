@@ -11,6 +11,7 @@ from service.catalog.catalog import Entry
 from service.packing import Step
 from service.stream.kernels import passed_keytimes
 from service.stream.messages import Open
+from service.stream.rest import Rest
 from service.wire import Layout, offsets_in
 from verbs.conventions import F32, I64
 from verbs.runtime.characters import Characters
@@ -55,11 +56,14 @@ class Group:
     ----------
     events : list of dict
         Name and phase of each keytime, as events report them.
+    rest : Rest
+        Which of the characters rest.
     """
 
     def __init__(self, entry: Entry, method: str) -> None:
         self.entry = entry
         self.characters = Characters(entry.evaluator, method)
+        self.rest = Rest(self.characters)
         verb = entry.verb
         self._layouts: dict[Form, Layout] = {}
         self._described: dict[int, dict[str, orjson.Fragment]] = {}

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from service.stream import rest
 from service.stream.connection import BINARY, DirectConnection, frame_head
 from service.stream.group import Group
 from service.stream.session import Channel, Session
@@ -23,11 +24,10 @@ __all__ = ["Budgeted", "Part", "Plan", "Sent", "Thinned", "make"]
 MAX_ARRANGED = 32
 """Arrangements of a session that are kept: one for each of its rates alone, and for some that are due together."""
 
-KEY_S = 3.0
-"""Time after which a record is sent also if it does not differ from the one before, seconds."""
-
 MOVING = (2, 3)
 """Words of a record that change with time alone: phase and seconds."""
+
+Flags = npt.NDArray[np.bool_]
 
 HEAD_WORDS = 3
 """Words before each message, of which its WebSocket header takes the last 2, 4 or 10 bytes."""
@@ -64,7 +64,7 @@ class Sent:
     words: U32
     at_s: F64
     starts: I64
-    always: npt.NDArray[np.bool_]
+    always: Flags
 
     @classmethod
     def of(cls, channels: list[Channel]) -> Sent | None:
@@ -79,12 +79,13 @@ class Sent:
             np.array([not channel.changes for channel in channels]),
         )
 
-    def choose(self, words: U32, due_s: float, fresh: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-        """Which records (R,) to send."""
+    def choose(self, words: U32, due_s: float, fresh: Flags, stepped: Flags) -> Flags:
+        """Which records (R,) to send, among those that were ``stepped`` (R,)."""
         differs = words != self.words
         for moving in MOVING:
             differs[self.starts + moving] = False
-        return np.logical_or.reduceat(differs, self.starts) | self.always | fresh | (due_s - self.at_s >= KEY_S)
+        differ = np.logical_or.reduceat(differs, self.starts)
+        return (differ | self.always | fresh | (due_s - self.at_s >= rest.KEY_S)) & stepped
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,6 +97,8 @@ class Thinned:
     numbers: I64
     sizes: I64
     sent: Sent
+    records: slice
+    """Its records among those of the tick."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,6 +129,10 @@ class Part:
         Whether events of a character are reported.
     supported : (S,) int64
         Rows whose records have the support by the examples.
+    records : (B,) int64
+        Numbers of their records among those of the tick.
+    may_rest : (B,) bool or None
+        Whose records are sent where they differ only; None where none are.
     """
 
     group: Group
@@ -135,6 +142,18 @@ class Part:
     targets: Targets
     wanted: I64
     supported: I64
+    records: I64
+    may_rest: Flags | None
+
+    def only(self, rows: I64) -> Part:
+        """The part without the other rows; ``rows`` rise."""
+        if len(rows) == len(self.slots):
+            return self
+        return Part(
+            self.group, self.fps, [self.channels[row] for row in rows.tolist()], self.slots[rows],
+            self.targets.only(rows), self.wanted[rows], np.flatnonzero(np.isin(rows, self.supported)),
+            self.records[rows], None,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,6 +208,8 @@ class Plan:
     words : (W,) uint32
     budgeted : list of Budgeted
     thinned : list of Thinned
+    stepped : (R,) bool
+        Records whose characters the tick stepped; kept where some messages are thinned.
     cost_s : float
         Time that the last ticks took to prepare, seconds.
     """
@@ -202,6 +223,7 @@ class Plan:
     words: U32
     budgeted: list[Budgeted] = field(default_factory=list)
     thinned: list[Thinned] = field(default_factory=list)
+    stepped: Flags = field(default_factory=lambda: np.zeros(0, np.bool_))
     cost_s: float = 0.0
 
     @property
@@ -223,16 +245,38 @@ class Plan:
         start = int(self.starts[thinned.index]) + HEADER_WORDS
         return self.words[start : start + len(thinned.sent.words)]
 
-    def clear(self, thinned: Thinned) -> None:
-        """Remove the records of the tick before, which stand elsewhere."""
-        self._records(thinned)[:] = 0
+    def awake(self, step_s: dict[int, float]) -> list[Part]:
+        """The parts without characters that rest, of a tick with steps by fps; notes which are ``stepped``."""
+        if not self.thinned and all(part.may_rest is None for part in self.parts):
+            return self.parts
+        self.stepped[:] = False
+        found = []
+        for part in self.parts:
+            awake = part
+            if part.may_rest is not None:
+                awake = part.only(part.group.rest.choose(part.slots, part.may_rest, part.wanted, step_s[part.fps]))
+            self.stepped[awake.records] = True
+            if len(awake.slots):
+                found.append(awake)
+        return found
+
+    def clear(self) -> list[Thinned]:
+        """Empty the thinned messages; return those with characters that are stepped, cleared of the tick before."""
+        found = []
+        for thinned in self.thinned:
+            if self.sizes[thinned.index]:
+                self.set_message(thinned.index, 0, 0)
+            if self.stepped[thinned.records].any():
+                self._records(thinned)[:] = 0
+                found.append(thinned)
+        return found
 
     def thin(self, thinned: Thinned, due_s: float) -> None:
         """Keep the records of a message that are to be sent, without gaps."""
         words, sent, session = self._records(thinned), thinned.sent, thinned.session
         fresh = np.isin(thinned.numbers, list(session.fresh)) if session.fresh else np.zeros(len(sent.at_s), np.bool_)
-        keep = sent.choose(words, due_s, fresh)
-        session.fresh.difference_update(thinned.numbers.tolist())
+        keep = sent.choose(words, due_s, fresh, self.stepped[thinned.records])
+        session.fresh.difference_update(thinned.numbers[keep].tolist())
         mask = np.repeat(keep, thinned.sizes)
         kept = words[mask]
         sent.words[mask], sent.at_s[keep] = kept, due_s
@@ -268,10 +312,12 @@ def make(sessions: Iterable[Session], rates: frozenset[int]) -> Plan:
         for index, (session, one) in enumerate(zip(chosen, arranged, strict=True))
         if session.interest is not None and session.connected
     }
+    firsts = np.cumsum([0, *(len(one.numbers) for one in arranged)])
+    plan.stepped = np.ones(int(firsts[-1]), np.bool_)
     for key, indices in by_key.items():
         pieces = [arranged[index].pieces[key] for index in indices]
         bases = [int(starts[index]) if chosen[index].connected else -1 for index in indices]
-        part = _part(key, pieces, bases)
+        part = _part(key, pieces, bases, firsts[indices])
         plan.parts.append(part)
         row = 0
         for index, piece in zip(indices, pieces, strict=True):
@@ -280,15 +326,15 @@ def make(sessions: Iterable[Session], rates: frozenset[int]) -> Plan:
             row += len(piece.slots)
     plan.budgeted = list(budgeted.values())
     plan.thinned = [
-        Thinned(index, session, one.numbers, one.sizes, one.sent)
+        Thinned(index, session, one.numbers, one.sizes, one.sent, slice(firsts[index], firsts[index + 1]))
         for index, (session, one) in enumerate(zip(chosen, arranged, strict=True))
         if one.sent is not None and session.connected and session.interest is None
     ]
     return plan
 
 
-def _part(key: tuple[Group, int], pieces: list[_Piece], bases: list[int]) -> Part:
-    """Join pieces whose messages start at these words; -1: their records are not written."""
+def _part(key: tuple[Group, int], pieces: list[_Piece], bases: list[int], firsts: I64) -> Part:
+    """Join pieces whose messages start at these words and records; a word of -1: their records are not written."""
     group, fps = key
     counts = [len(piece.slots) for piece in pieces]
     at = np.concatenate([piece.targets.at + base if base >= 0 else np.full(count, -1) for piece, base, count
@@ -303,6 +349,8 @@ def _part(key: tuple[Group, int], pieces: list[_Piece], bases: list[int]) -> Par
         joined,
         np.concatenate([piece.wanted for piece in pieces]),
         np.flatnonzero([channel.support for channel in channels]),
+        np.concatenate([piece.ranks + first for piece, first in zip(pieces, firsts.tolist(), strict=True)]),
+        np.array([channel.rests for channel in channels]) if any(channel.changes for channel in channels) else None,
     )
 
 

@@ -103,6 +103,22 @@ class Channel:
         """First word of its record, without the encoding and the flags of the frame."""
         return self.number | self.flags << 24
 
+    @property
+    def rests(self) -> bool:
+        """Whether its character may rest."""
+        return self.changes and self.session.interest is None
+
+    def wake(self) -> None:
+        """Bring its character up to date, if it rests, and send a record in the next tick."""
+        if self.changes:
+            self.group.rest.wake(self.slot, 1.0 / self.fps)
+            self.session.fresh.add(self.number)
+
+    def remove(self) -> None:
+        """Remove its character."""
+        self.group.rest.forget(self.slot)
+        self.group.characters.remove(self.slot)
+
 
 class Session:
     """State of a client that outlives its connection.
@@ -213,7 +229,10 @@ class Session:
     def forget_sent(self) -> None:
         """Send the next record of each channel, since one before may not have arrived."""
         if self.thinned:
-            self.fresh.update(number for number, channel in self.channels.items() if channel.changes)
+            for number, channel in self.channels.items():
+                if channel.changes:
+                    channel.group.rest.hurry(channel.slot)
+                    self.fresh.add(number)
 
     def count_dropped(self, messages: int) -> None:
         """Count messages that were due and not sent, or sent over a lost connection and not received."""

@@ -134,13 +134,14 @@ class Ticks:
             for session in found.sessions:
                 session.count_dropped(missed)
             self._metrics.count_skipped(missed * len(found.sessions))
-        for thinned in found.thinned:
-            found.clear(thinned)
+        step_s = {fps: count / fps for fps, count in steps.items()}
         for budgeted in found.budgeted:
-            _choose(found, budgeted, max(count / fps for fps, count in steps.items()))
-        for part in found.parts:
+            _choose(found, budgeted, max(step_s.values()))
+        parts = found.awake(step_s)
+        thinned = found.clear()
+        for part in parts:
             step = pack_step(
-                part.group.characters, part.slots, steps[part.fps] / part.fps,
+                part.group.characters, part.slots, step_s[part.fps],
                 part.group.entry.version, part.targets, found.words,
             )  # fmt: skip
             method = part.group.characters.method
@@ -149,8 +150,8 @@ class Ticks:
                 _add_support(part, found.words)
             _collect_texts(part, step, prepared.texts)
             self._clear_flags(part)
-        for thinned in found.thinned:
-            found.thin(thinned, prepared.due_s)
+        for message in thinned:
+            found.thin(message, prepared.due_s)
         found.cost_s = max(time.perf_counter() - started_s, FALL * found.cost_s)
         return prepared
 

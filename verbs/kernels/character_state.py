@@ -28,6 +28,7 @@ __all__ = [
     "Crowd",
     "Records",
     "advance",
+    "at_rest",
     "copy_rows",
     "displayed",
     "gather",
@@ -195,6 +196,28 @@ def steer(slots: I64, step_s: float, crowd: Crowd, chart: ChartArrays, moved: I6
             moved[count] = b
             count += 1
     return count
+
+
+@kernel
+def at_rest(slots: I64, crowd: Crowd, looping: bool, window: tuple[float, float], still: Flags, paused: Flags) -> None:
+    """Which characters (B,) a step of any length changes nothing of but phase, seconds and position.
+
+    These have reached their goals, are in no transition, and are paused (``paused`` is written too) or in a cycle. In
+    the follow ``window``, a paused one is at rest when it follows its goal fully.
+    """
+    state, known = crowd.state, crowd.known
+    for b in range(slots.shape[0]):
+        s = slots[b]
+        row = state[s]
+        paused[b] = row["playing"] * row["speed"] == 0.0
+        still[b] = known[s] == 1 and row["fresh"] == 0.0 and row["transition_s"] == 0.0
+        still[b] = still[b] and (paused[b] or (looping and row["looping"] > 0.0))
+        inside = paused[b] and row["following"] > 0.0 and window[0] <= row["phase"] <= window[1]
+        still[b] = still[b] and row["share"] == (1.0 if inside else 0.0)
+        still[b] = still[b] and (inside or row["held"] < 0)
+        for a in range(crowd.goals.shape[1]):
+            reached = crowd.shown[s, a] == crowd.targets[s, a] and crowd.velocity[s, a] == 0.0
+            still[b] = still[b] and reached and crowd.goals[s, a] == crowd.seen[s, a]
 
 
 @kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from verbs.blend.corrected import Corrected
 from verbs.conventions import F64, I64
@@ -23,6 +24,7 @@ __all__ = ["RESTART_S", "CharacterSteps"]
 _steer, _gather, _keep = (direct(one) for one in (character_state.steer, character_state.gather, character_state.keep))
 _advance, _follow, _walk = (direct(one) for one in (character_state.advance, follow, character_state.walk))
 _apply, _redisplay = direct(inertialization.apply), direct(inertialization.redisplay)
+_at_rest = direct(character_state.at_rest)
 _restart, _hold, _release = direct(inertialization.restart), direct(hold), direct(release)
 
 RESTART_S = 0.3
@@ -80,6 +82,23 @@ class CharacterSteps(CharacterPool):
         frame.error[rest], frame.in_transition[rest] = error, self.state["transition_s"][among] > 0
         self._release(among[self.state["calm"][among] >= 2])
         return Step(*frame[:4], complete, rest, *found)
+
+    def at_rest(self, slots: I64) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Characters (B,) of which a step changes phase and position alone; and those that are paused, at rest or not.
+
+        Without another goal or setting, one long step of such a character is the same as many short ones.
+        """
+        still, paused = np.empty((2, len(slots)), np.bool_)
+        window = self.window if self.window and self._following else NO_WINDOW
+        _at_rest(slots, self.crowd, self.verb.looping, window, still, paused)
+        return still, paused
+
+    def advance_at_rest(self, slots: I64, step_s: float) -> None:
+        """Move characters (B,) that are at rest by ``step_s`` seconds, although they may have other goals by now."""
+        goals = self.goals[slots]
+        self.goals[slots] = self.crowd.seen[slots]
+        self.advance(slots, step_s)
+        self.goals[slots] = goals
 
     def world(self, slot: int) -> tuple[float, float, float]:
         """Position of a character's root in its last frame: x, z (m) and heading (rad)."""

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from service.stream import plan
+from service.stream import rest
 from tests.service.stream.conftest import Message, open_stream
 
 pytestmark = pytest.mark.anyio
@@ -17,7 +17,7 @@ RECIPE = {"encoding": "weights", "send": "changes", "events": False}
 @pytest.fixture
 def no_keys(monkeypatch):
     """No record is sent because of its age."""
-    monkeypatch.setattr(plan, "KEY_S", 1e9)
+    monkeypatch.setattr(rest, "KEY_S", 1e9)
 
 
 async def records(client, channel, ticks=40):
@@ -71,7 +71,7 @@ async def test_settings_of_time_are_followed_by_a_record(stream, no_keys, change
 
 
 async def test_keys_are_sent_from_time_to_time(stream, monkeypatch):
-    monkeypatch.setattr(plan, "KEY_S", 0.2)
+    monkeypatch.setattr(rest, "KEY_S", 0.2)
     await stream.open(1, "sway", **RECIPE)
     found = await records(stream, 1, 90)
     assert 3 <= len(found) <= 12

@@ -18,7 +18,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard dist test check lint types lock generate load bench-streams bench-crowd bench-idle bench-encodings bench-scaling bench-refine bench chaos reliability fuzz try-image audit sbom licences clean
+.PHONY: help setup serve dashboard dist test check lint types lock generate load bench-streams bench-crowd bench-idle bench-page bench-encodings bench-scaling bench-refine bench chaos reliability fuzz try-image audit sbom licences clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -129,6 +129,9 @@ bench-streams: setup  ## measure streams: 600 × 1 and 50 × 60 characters at 60
 
 bench-crowd: setup  ## measure crowds: 10,000 characters at 60 fps; BEFORE=DIR compares with another checkout
 	@$(BIN)/python -m benchmarks.crowds $(if $(BEFORE),--before $(BEFORE))
+
+bench-page: setup dashboard  ## measure a crowd of 2,000 in the page: weights, and streamed poses
+	@$(BIN)/python -m benchmarks.page_crowd
 
 bench-idle: setup  ## measure the memory of 5,000 idle streams
 	@$(BIN)/python -m benchmarks.idle

@@ -117,10 +117,21 @@ def test_the_worst_goals_of_a_refinement_are_played_before_and_after(page):
     page.until("adverb.shown.comparison?.version === 1 && adverb.shown.main?.method === 'corrected'")
 
 
-def test_a_crowd_of_200_is_streamed_at_30_fps(page):
-    page.open(verb="reach", crowd="200")
+def test_poses_of_a_crowd_of_200_are_streamed_at_30_fps(page):
+    page.open(verb="reach", crowd="200", crowdPoses="yes")
     page.until("adverb.shown.main?.count === 200")
     page.until("adverb.stats?.messagesPerS >= 30 && adverb.stats.posesPerS >= 30 * 200")
+
+
+def test_a_crowd_moves_with_few_records(page):
+    """Beside the steered character, which is streamed as poses."""
+    page.open(verb="walk", crowd="200")
+    page.until("adverb.shown.main?.count === 200")
+    page.until("adverb.stats?.messagesPerS >= 15 && adverb.stats.posesPerS < 3 * adverb.stats.messagesPerS + 200")
+    before = page.state("adverb.drawn.frames")
+    page.until(f"adverb.drawn.frames > {before} + 10")
+    page.tab.get_by_label("Crowd as poses").check()
+    page.until("adverb.stats.posesPerS > 20 * 200 && adverb.shown.main?.count === 200")
 
 
 def test_the_page_reconnects_to_a_restarted_server(page):

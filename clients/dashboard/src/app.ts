@@ -309,7 +309,8 @@ export class Page implements App {
     const main = active ? this.drive.motion(crowd) : crowd;
     const steered = action?.adverbs ?? goal;
     const comparison = view.compare.kind === "method" && !active ? { ...main, method: view.compare.method } : null;
-    const key = JSON.stringify([main, steered, view.crowd, comparison, verb.version]);
+    const poses = view.crowdPoses;
+    const key = JSON.stringify([main, steered, view.crowd, poses, comparison, verb.version]);
     if (key === this.targetKey) return;
     this.targetKey = key;
     const { goals } = this.walkers;
@@ -318,7 +319,8 @@ export class Page implements App {
         ? goals.map((own) => adverbValues(verb, { ...view.goal, ...own }))
         : crowdGoals(verb, goal, view.crowd).slice(1);
     const distant = this.distant ? { distant: this.distant } : {};
-    this.stream.setTarget({ main, crowd, adverbs: [[...steered], ...others], comparison, ...distant });
+    const adverbs = [[...steered], ...others];
+    this.stream.setTarget({ main, crowd, adverbs, comparison, weights: !poses, ...distant });
     this.version.setTarget(view, verb);
   }
 

@@ -47,7 +47,7 @@ export class Inclines {
   }
 
   private async load(goal: Adverbs): Promise<void> {
-    if (!this.verb) return;
+    if (!this.verb || Object.keys(goal).length === 0) return; // the server chooses the first goal; it moves then
     const request = ++this.requests;
     const incline = await this.request(this.verb, goal);
     if (request === this.requests) this.show(incline);

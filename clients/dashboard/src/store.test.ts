@@ -20,7 +20,8 @@ const view: fc.Arbitrary<View> = fc.record<View>({
   loop: fc.boolean(),
   fps: fc.integer({ min: 1, max: 120 }),
   encoding: fc.constantFrom("f32", "q48", "q32"),
-  crowd: fc.integer({ min: 1, max: 1000 }),
+  crowd: fc.integer({ min: 1, max: 2000 }),
+  crowdPoses: fc.boolean(),
   compare,
   hull: fc.boolean(),
   examples: fc.boolean(),
@@ -56,7 +57,14 @@ test("every field changes the link, and defaults are omitted", () => {
   expect(writeView(DEFAULTS)).toBe("");
   const other: View = {
     ...{ verb: "kick", method: "rbf", goal: { x: 1 }, phase: 0.5, playing: false, speed: -1, loop: false, fps: 30 },
-    ...{ encoding: "q48", crowd: 2, compare: { kind: "version", version: 3 }, hull: false, examples: false },
+    ...{
+      encoding: "q48",
+      crowd: 2,
+      crowdPoses: true,
+      compare: { kind: "version", version: 3 },
+      hull: false,
+      examples: false,
+    },
     ...{
       pseudo: true,
       follow: false,

@@ -13,6 +13,7 @@ export const DEFAULTS: View = {
   fps: 60,
   encoding: "f32",
   crowd: 1,
+  crowdPoses: false,
   compare: { kind: "none" },
   hull: true,
   examples: true,
@@ -37,7 +38,7 @@ export const BOUNDS = {
   phase: [0, 1],
   speed: [-2, 2],
   fps: [1, 120],
-  crowd: [1, 1000],
+  crowd: [1, 2000],
   number: [-1e9, 1e9],
 } as const;
 
@@ -122,6 +123,7 @@ const CODECS: { [Key in Exclude<keyof View, "goal" | "slice">]: Codec<View[Key]>
   fps: within(BOUNDS.fps, true),
   encoding: oneOf("f32", "q48", "q32"),
   crowd: within(BOUNDS.crowd, true),
+  crowdPoses: flag,
   compare,
   hull: flag,
   examples: flag,

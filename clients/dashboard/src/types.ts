@@ -53,6 +53,8 @@ export interface View {
   encoding: "f32" | "q48" | "q32";
   /** Number of characters, 1–1,000. */
   crowd: number;
+  /** Whether all poses of a crowd are streamed, with planted feet; else weights, which are evaluated here. */
+  crowdPoses: boolean;
   compare: Comparison;
   hull: boolean;
   examples: boolean;

@@ -11,6 +11,7 @@ export {
   type EvaluatorMethod,
   type Instant,
 } from "./evaluator/evaluator.js";
+export { Evaluators } from "./evaluator/evaluators.js";
 export type { StoredAdverb, StoredVerb } from "./evaluator/verb_file.js";
 export type { components, paths } from "./generated/schema.js";
 export * from "./math/kinematics.js";

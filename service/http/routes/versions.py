@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path, Query, Request
 from starlette.responses import Response
 
 from service.catalog.store_sync import StoreSync
@@ -137,24 +137,31 @@ async def download(request: Request, verb: VerbName, number: Number) -> Response
     response_class=Response,
     responses={
         **forms(OCTETS),
-        **problems(*READING, "artifact_damaged"),
+        **problems(*READING, "unknown_version", "read_only", "store_unavailable", "artifact_damaged"),
         304: {"description": "Not modified"},
     },
     summary="Download the served artifact",
 )
-async def artifact(request: Request, verb: VerbName) -> Response:
+async def artifact(
+    request: Request,
+    verb: VerbName,
+    version: Annotated[int | None, Query(ge=1, le=2**31 - 1, description="This version, if another is served.")] = None,
+) -> Response:
     """Return the artifact of the version that is served, also of built-in verbs; clients evaluate it themselves.
 
     The answer carries an `ETag`; with it as `If-None-Match` an unchanged artifact is answered 304.
     """
     from starlette.responses import FileResponse
 
-    path = served(request, verb)[1].path
+    entry = served(request, verb)[1]
+    if version not in (None, entry.version):
+        return await download(request, verb, version)
     try:
-        stat = await run_in_thread(path.stat)
+        stat = await run_in_thread(entry.path.stat)
     except OSError as err:
         raise ArtifactDamaged(f"the artifact of '{verb}' cannot be read: {err.strerror or err}") from err
-    response = FileResponse(path, headers={"Cache-Control": "no-cache"}, media_type=OCTETS, stat_result=stat)
+    headers = {"Cache-Control": "no-cache"}
+    response = FileResponse(entry.path, headers=headers, media_type=OCTETS, stat_result=stat)
     etag, known = response.headers["etag"], header(request, b"if-none-match").decode("latin-1")
     if etag in (part.strip().removeprefix("W/") for part in known[:1_000].split(",")):
         return Response(status_code=304, headers={"ETag": etag, "Cache-Control": "no-cache"})

@@ -102,6 +102,9 @@ async def test_a_verb_can_be_deleted_and_brought_back(client):
 async def test_a_version_can_be_downloaded(client):
     artifact = await client.get("/v1/verbs/arm3/versions/1")
     assert artifact.content == Path(library.__file__).with_name("arm3.verb").read_bytes()
+    same = await client.get("/v1/verbs/arm3/artifact?version=1")
+    assert same.content == artifact.content
+    assert (await client.get("/v1/verbs/arm3/artifact?version=9")).json()["code"] == "unknown_version"
 
 
 async def test_a_refinement_is_followed_to_its_end_while_a_stream_runs(client, kept):

@@ -73,6 +73,10 @@ async def test_the_served_artifact_is_the_file(client, catalog):
     assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", answer.headers["etag"])
     assert (await client.get("/v1/verbs/arm3/artifact", headers={"If-None-Match": '"other"'})).status_code == 200
     assert (await client.get("/v1/verbs/none/artifact")).json()["code"] == "unknown_verb"
+    version = catalog.entry("arm3").version
+    assert (await client.get(f"/v1/verbs/arm3/artifact?version={version}")).content == answer.content
+    other = await client.get(f"/v1/verbs/arm3/artifact?version={version + 1}")
+    assert (other.status_code, other.json()["code"]) == (409, "read_only")
 
 
 async def test_a_served_artifact_that_is_gone_is_an_error(catalog, tmp_path):

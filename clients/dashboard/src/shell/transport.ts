@@ -17,7 +17,16 @@ export function transport(page: Page): HTMLElement {
     { className: "transport", "aria-label": "Playback" },
     playButton(page),
     scrubber(page),
-    h("div", { className: "settings" }, pauseButton(page), speed(page), loop(page), rate(page), encoding(page)),
+    h(
+      "div",
+      { className: "settings" },
+      pauseButton(page),
+      speed(page),
+      loop(page),
+      rate(page),
+      encoding(page),
+      crowdPoses(page),
+    ),
   );
 }
 
@@ -176,6 +185,19 @@ function encoding(page: Page): HTMLElement {
     select.value = page.store.view.encoding;
   };
   page.store.on(["encoding"], show);
+  show();
+  return element;
+}
+
+function crowdPoses(page: Page): HTMLElement {
+  const { element, box } = toggle("Crowd as poses", (on) => page.store.change({ crowdPoses: on }));
+  element.title =
+    "On: every pose of a crowd is streamed, with planted feet. Off: weights are streamed where they change, and evaluated here.";
+  const show = () => {
+    box.checked = page.store.view.crowdPoses;
+    element.hidden = page.store.view.crowd < 2;
+  };
+  page.store.on(["crowdPoses", "crowd"], show);
   show();
   return element;
 }

@@ -2,12 +2,14 @@
  * Channels of the page's figures: a crowd and a comparison.
  *
  * The page sets a target. Each step sends every channel the missing changes, with a bounded number of messages, so
- * that a crowd of 1,000 opens and closes in bursts that the server can answer.
+ * that a crowd of 1,000 opens and closes in bursts that the server can answer. Of a crowd, weights are streamed where
+ * they change; the steered character is streamed as poses, with planted feet.
  */
 
 import {
   type Channel,
   type Drawn,
+  type Evaluators,
   FigureStream,
   type Goal,
   type Lateness,
@@ -55,10 +57,14 @@ export class Session implements ProtocolEvents {
   constructor(
     private readonly emit: (message: FromWorker) => void,
     lateness?: Lateness,
+    private readonly evaluators: Evaluators | null = null,
   ) {
     this.protocol = new Protocol(this, lateness);
     const { lateness: known } = this.protocol;
-    this.streams = { main: new FigureStream(0, known), comparison: new FigureStream(COMPARISON_CHANNEL, known) };
+    this.streams = {
+      main: new FigureStream(0, known, evaluators),
+      comparison: new FigureStream(COMPARISON_CHANNEL, known),
+    };
   }
 
   get openChannels(): number {
@@ -68,14 +74,24 @@ export class Session implements ProtocolEvents {
   setTarget(target: StreamTarget): void {
     const comparison = target.comparison && { ...target.comparison, ...QUIET };
     this.target = { ...target, main: { ...target.main, options: { events: true } }, comparison };
-    this.crowd = { ...(target.crowd ?? target.main), ...QUIET };
-    this.slow = { ...this.crowd, fps: Math.max(1, Math.round(this.crowd.fps / 2)) };
+    this.setCrowd(target);
     this.streams.main.setTarget(Math.max(1, Math.min(target.adverbs.length, this.protocol.maxChannels - 1)));
     this.streams.comparison.setTarget(target.comparison ? 1 : 0);
     for (const { buffer } of Object.values(this.streams)) {
       buffer.speed = target.main.speed;
       buffer.intervalMs = 1000 / target.main.fps;
     }
+  }
+
+  /** Weights of the crowd are streamed where its verb can be evaluated here, poses otherwise. */
+  private setCrowd(target: StreamTarget): void {
+    const motion = target.crowd ?? target.main;
+    const opened = this.streams.main.channels[0]?.opened;
+    const known = opened?.verb === motion.verb ? opened : null;
+    const evaluable =
+      target.weights && this.evaluators && !(known && this.evaluators.failure(known.verb, known.version));
+    this.crowd = { ...motion, ...QUIET, ...(evaluable && { encoding: "weights" }) };
+    this.slow = { ...this.crowd, fps: Math.max(1, Math.round(this.crowd.fps / 2)) };
   }
 
   draw(atMs: number, spare: Float32Array[]): Record<"main" | "comparison", Drawn | null> {
@@ -94,6 +110,7 @@ export class Session implements ProtocolEvents {
     const steered = target.adverbs[0] ?? [];
     const now = main.channels[0]?.phase ?? Number.NaN;
     const phase = Number.isNaN(now) || this.soughtSerial !== target.main.seek.serial ? target.main.seek.phase : now;
+    this.setCrowd(target);
     let left = MOST_SENT;
     this.pending = this.all().reduce((sum, channel) => sum + Number(channel.pending), 0);
     left -= this.updateChannel(main.channels[0], target.main, steered, phase, nowMs);

@@ -3,7 +3,7 @@
  * transfers one array per picture without a copy.
  */
 
-import { Link, now } from "adverb-client";
+import { Client, Evaluators, Link, now } from "adverb-client";
 import { Session } from "./session";
 import type { FromWorker, ToWorker } from "./worker_messages";
 
@@ -11,8 +11,14 @@ const STEP_MS = 16;
 const STATS_MS = 250;
 
 const page = self as unknown as { postMessage(message: FromWorker, transfer?: Transferable[]): void };
-const session = new Session((message) => page.postMessage(message));
 let address = "";
+let key: string | null = null;
+/** Downloads wait for a key as the stream does: without one they fail and are tried again. */
+const verbs = new Evaluators({
+  verbFile: (verb, options) =>
+    new Client(address.replace(/^ws/, "http").replace(/\/v1\/stream$/, ""), { key }).verbFile(verb, options),
+});
+const session = new Session((message) => page.postMessage(message), undefined, verbs);
 const link = new Link((protocols) => new WebSocket(address, protocols), session.protocol, {
   connection: (connection, detail, againInS) => page.postMessage({ kind: "connection", connection, detail, againInS }),
   unauthenticated: (key, detail) => page.postMessage({ kind: "unauthenticated", key, detail }),
@@ -28,12 +34,14 @@ self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
   switch (data.kind) {
     case "start":
       address = data.address;
-      link.setKey(data.key);
+      key = data.key;
+      link.setKey(key);
       setInterval(() => session.step(now()), STEP_MS);
       setInterval(() => page.postMessage({ kind: "stats", stats: session.stats(now()) }), STATS_MS);
       return;
     case "key":
-      return link.setKey(data.key);
+      key = data.key;
+      return link.setKey(key);
     case "setTarget":
       return session.setTarget(data.target);
     case "draw":

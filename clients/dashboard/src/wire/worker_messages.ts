@@ -10,6 +10,8 @@ export interface StreamTarget {
   crowd?: Motion;
   /** Adverbs of each character in the order of its motion's `names`; the first is the steered one. */
   adverbs: readonly (readonly number[])[];
+  /** Whether weights of the crowd are streamed and evaluated here, where its verb can be downloaded. */
+  weights?: boolean;
   /** Characters that are streamed at half the frame rate, by slot. */
   distant?: readonly boolean[];
   /** Comparison with another method, or null. */

@@ -12,7 +12,7 @@ import { weightsAt } from "./basis.js";
 import { readContainer, verify } from "./container.js";
 import { blendCurves } from "./curves.js";
 import { logLengthsOf, TimeWarp } from "./timewarp.js";
-import { Walk } from "./travel.js";
+import { type Place, Walk } from "./travel.js";
 import { type StoredVerb, verbOf } from "./verb_file.js";
 
 export type EvaluatorMethod = "rbf" | "refined";
@@ -110,9 +110,25 @@ export class Evaluator {
     const clock = this.clock(weights);
     const { phase, timeS } = this.resolve(clock, instant);
     const values = new Float64Array(this.poseLength);
-    blendCurves(this.verb, weights, this.verb.looping ? phase % 1 : phase, this.sums, values);
-    if (this.verb.strides) travel(new Walk(this.verb.strides, weights, this.verb.looping), phase, values);
+    const { strides, looping } = this.verb;
+    this.write(weights, phase, strides ? new Walk(strides, weights, looping).placeAt(phase) : null, values);
     return { weights, clamped: false, phase, timeS, durationS: clock.durationS, values, skeleton: this.verb.skeleton };
+  }
+
+  /**
+   * Write the pose of weights at a phase to `out` (`poseLength`), without allocations.
+   *
+   * @param place where a root that travels is; it has no effect on other verbs
+   */
+  write(weights: ArrayLike<number>, phase: number, place: Place | null, out: Float32Array | Float64Array): void {
+    blendCurves(this.verb, weights, this.verb.looping ? phase % 1 : phase, this.sums, out);
+    if (place && this.verb.strides) put(place, out);
+  }
+
+  /** Move the place of a root that travels from a phase to another; unwrapped phases. */
+  travel(weights: ArrayLike<number>, from: number, to: number, place: Place): void {
+    const { strides, looping } = this.verb;
+    if (strides && from !== to) new Walk(strides, weights, looping).advance(from, to, place);
   }
 
   /** Seconds and phases of weights. */
@@ -172,8 +188,7 @@ function isRow(given: Readonly<Record<string, number>> | ArrayLike<number>): giv
 }
 
 /** Move a pose, whose root has a height and no heading, to its place in the world. */
-function travel(walk: Walk, phase: number, values: Float64Array): void {
-  const { x, z, heading, height } = walk.placeAt(phase);
+function put({ x, z, heading, height }: Place, values: Float32Array | Float64Array): void {
   values[0] = x;
   values[1] = (values[1] as number) + height;
   values[2] = z;

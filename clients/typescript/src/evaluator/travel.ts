@@ -12,6 +12,8 @@ export interface Place {
   height: number;
 }
 
+export const START: Readonly<Place> = { x: 0, z: 0, heading: 0, height: 0 };
+
 /** Walks a blend's steps. */
 export class Walk {
   private readonly intervals: number;
@@ -27,7 +29,7 @@ export class Walk {
 
   /** Place at an unwrapped phase (1.5 is the middle of the second cycle), from the origin. */
   placeAt(phase: number): Place {
-    const place = { x: 0, z: 0, heading: 0, height: 0 };
+    const place = { ...START };
     let start = 0;
     if (this.looping && phase >= 2) {
       start = Math.floor(phase);
@@ -37,9 +39,22 @@ export class Walk {
     return place;
   }
 
+  /** Move a place from a phase to another, also backwards; unwrapped phases, of any cycle. */
+  advance(from: number, to: number, place: Place): void {
+    const shift = this.looping ? Math.floor(Math.min(from, to)) : 0;
+    if (to >= from) return this.walk(from - shift, to - shift, place);
+    const step = { ...START };
+    this.walk(to - shift, from - shift, step);
+    place.heading -= step.heading;
+    const [cosine, sine] = [Math.cos(place.heading), Math.sin(place.heading)];
+    place.x -= step.x * cosine + step.z * sine;
+    place.z -= -step.x * sine + step.z * cosine;
+    place.height -= step.height;
+  }
+
   /** Whole cycles; all have the displacement of the first. */
   private walkCycles(cycles: number, place: Place): void {
-    const once = { x: 0, z: 0, heading: 0, height: 0 };
+    const once = { ...START };
     this.walk(0, 1, once);
     for (let k = 0; k < cycles; k++) {
       const [cosine, sine] = [Math.cos(place.heading), Math.sin(place.heading)];

@@ -4884,7 +4884,10 @@ export interface operations {
     };
     download_artifact: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description This version, if another is served. */
+                version?: number | null;
+            };
             header?: never;
             path: {
                 /** @description Name of a verb, as `GET /v1/verbs` lists them. */
@@ -4928,8 +4931,17 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Unknown verb */
+            /** @description Unknown verb; unknown version */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Read-only server */
+            409: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4964,7 +4976,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Not ready */
+            /** @description Not ready; store unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;

@@ -134,9 +134,17 @@ export class Client {
     await this.call("delete", "/v1/verbs/{verb}", { path: { verb }, headers: ifMatch(expected) });
   }
 
-  /** The verb file that is served, for `Evaluator.load`. */
-  async verbFile(verb: string, signal?: AbortSignal): Promise<ArrayBuffer> {
-    const path = this.addressOf("/v1/verbs/{verb}/artifact", { path: { verb } });
+  /**
+   * The verb file that is served, for `Evaluator.load`.
+   *
+   * @param version this one instead; servers without a store have no other than the served one
+   */
+  async verbFile(
+    verb: string,
+    { version, signal }: { version?: number | undefined; signal?: AbortSignal | undefined } = {},
+  ): Promise<ArrayBuffer> {
+    const query = version === undefined ? {} : { version };
+    const path = this.addressOf("/v1/verbs/{verb}/artifact", { path: { verb }, query });
     return (await this.send(path, withSignal(signal))).arrayBuffer();
   }
 

@@ -122,7 +122,7 @@ export class JitterBuffer {
    */
   sample(nowMs: number, out: Float32Array): Sample | null {
     if (this.frames.length === 0) return null;
-    const shownMs = this.playhead(nowMs);
+    const shownMs = this.shownMs(nowMs);
     const sample = this.read(shownMs, out);
     const flags = this.fade(shownMs, sample.count * poseLength(this.joints), out) ? FLAGS.inTransition : 0;
     return { ...sample, head: { ...sample.head, flags: sample.head.flags | flags } };
@@ -141,10 +141,10 @@ export class JitterBuffer {
     return this.past(this.frames[at - 2], a, shownMs - a.dueMs, out);
   }
 
-  /** Displayed instant on the server's clock. */
-  private playhead(nowMs: number): number {
+  /** Instant on the server's clock that is displayed at a local time; NaN before the first message. */
+  shownMs(nowMs: number): number {
     const target = this.lateness.groundMs + this.delayMs;
-    if (Number.isNaN(target)) return (this.frames[0] as Kept).dueMs;
+    if (Number.isNaN(target)) return this.frames[0]?.dueMs ?? Number.NaN;
     const passed = nowMs - this.sampledMs;
     if (Number.isNaN(this.lagMs) || Math.abs(target - this.lagMs) > SNAP_MS) this.lagMs = target;
     else if (passed > 0) this.lagMs += Math.min(Math.max(target - this.lagMs, -FASTER * passed), SLOWER * passed);

@@ -51,6 +51,16 @@ export class Channel {
     return this.isOpen && !this.pending && !Number.isNaN(this.phase);
   }
 
+  /** Seconds of motion per second, as far as sent. */
+  get rate(): number {
+    return this.sent?.playing === false ? 0 : (this.sent?.speed ?? 1);
+  }
+
+  /** Whether its motion repeats. */
+  get loop(): boolean {
+    return this.sent?.loop ?? this.opened?.looping ?? false;
+  }
+
   get pending(): boolean {
     return this.waiting > 0;
   }
@@ -114,6 +124,7 @@ export class Channel {
       fps: target.fps,
       ...(target.method && { method: target.method }),
       encoding: target.encoding,
+      ...(target.encoding === "weights" && { send: "changes" }),
       phase,
       speed: target.speed,
       play: target.playing,

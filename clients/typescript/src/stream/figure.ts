@@ -2,6 +2,7 @@
 
 import { completeAdverbs, namedAdverbs } from "../adverbs.js";
 import { BadRequest } from "../errors.js";
+import type { Evaluators } from "../evaluator/evaluators.js";
 import { type Rig, rigOf, type Skeleton, solve } from "../math/kinematics.js";
 import type { Opened, Verb } from "../schema.js";
 import type { Encoding, Layout, RecordHead } from "../wire/decode.js";
@@ -30,7 +31,11 @@ export interface FigureSettings {
 export interface FigureOptions extends FigureSettings {
   /** Blending method; default: the verb's own. */
   method?: string;
-  encoding?: Exclude<Encoding, "weights">;
+  /**
+   * `weights`: the server sends weights where they change only, and the poses are evaluated here, without planted feet
+   * and with all joints, local, as glTF has them.
+   */
+  encoding?: Encoding;
   /** Joints of the poses, in this order; default: all. */
   joints?: readonly string[];
   /** Rotations relative to the parent, or global. */
@@ -86,8 +91,11 @@ export class Figure {
     options: FigureOptions,
     lateness: Lateness,
     private readonly host: FigureHost,
+    evaluators: Evaluators | null = null,
   ) {
-    this.stream = new FigureStream(number, lateness);
+    if (options.encoding === "weights" && (options.joints || options.space || options.frame))
+      throw new BadRequest(0, "bad_request", "weights are evaluated to all joints, local, in the frame gltf");
+    this.stream = new FigureStream(number, lateness, evaluators);
     this.stream.setTarget(1);
     this.adverbs = completeAdverbs(description, options.adverbs ?? {});
     this.rig = rigOf(description.skeleton);
@@ -249,6 +257,11 @@ export class Figure {
 
   tick(dueMs: number): void {
     this.stream.commit(dueMs);
+    this.arrived();
+  }
+
+  /** There may be a first pose. */
+  arrived(): void {
     const pose = this.waiting.length > 0 ? this.pose() : null;
     if (pose) for (const done of this.waiting.splice(0)) done(pose);
   }

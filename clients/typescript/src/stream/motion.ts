@@ -16,7 +16,8 @@ export interface Motion {
   /** Adverb names in the verb's order. */
   names: readonly string[];
   fps: number;
-  encoding: Exclude<Encoding, "weights">;
+  /** `weights`: records where they differ only; phases advance and poses are evaluated here. */
+  encoding: Encoding;
   playing: boolean;
   speed: number;
   /** Omitted: the verb's own. */

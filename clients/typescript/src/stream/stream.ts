@@ -2,6 +2,7 @@
 
 import { Emitter } from "../emitter.js";
 import { type AdverbError, NoAccess, responseError, StreamClosed, TimedOut, TransportError } from "../errors.js";
+import { Evaluators } from "../evaluator/evaluators.js";
 import { Client, type ClientOptions } from "../rest/client.js";
 import type { BudgetReport, Opened, Verb } from "../schema.js";
 import { viewMessage } from "../wire/client_messages.js";
@@ -97,6 +98,7 @@ function openSocket(address: string, protocols: string[]): Socket {
 export class Stream {
   /** REST calls to the same server. */
   readonly client: Client;
+  private readonly evaluators: Evaluators;
   private readonly figures = new Map<number, Figure>();
   private readonly emitter = new Emitter<StreamEvents>();
   private readonly protocol: Protocol;
@@ -111,6 +113,9 @@ export class Stream {
   /** Use `connect`, which waits until the server has answered. */
   constructor(server: string, { key = null, timeoutMs = 10_000, socket = openSocket, fetch }: ConnectOptions) {
     this.client = new Client(server || globalThis.location?.origin || "", { key, fetch });
+    this.evaluators = new Evaluators(this.client, () => {
+      for (const figure of this.figures.values()) figure.arrived();
+    });
     this.timeoutMs = timeoutMs;
     const address = `${this.client.base.replace(/^http/, "ws")}/v1/stream`;
     this.protocol = new Protocol(this.receiver());
@@ -141,12 +146,14 @@ export class Stream {
     if (this.closed) throw new StreamClosed("the stream is closed");
     if (this.figures.size >= this.protocol.maxChannels)
       throw responseError(0, "too_many_channels", `a stream has at most ${this.protocol.maxChannels} figures`);
-    const figure = new Figure(this.freeChannel(), description, options, this.protocol.lateness, {
+    const host = {
       changed: () => this.schedule(),
-      send: (message) => this.protocol.send(message),
-      describe: (name) => this.describe(name),
+      send: (message: string) => this.protocol.send(message),
+      describe: (name: string) => this.describe(name),
       closed: () => this.figures.delete(figure.channel.number),
-    });
+    };
+    const { lateness } = this.protocol;
+    const figure = new Figure(this.freeChannel(), description, options, lateness, host, this.evaluators);
     this.figures.set(figure.channel.number, figure);
     this.schedule();
     await figure.answered;

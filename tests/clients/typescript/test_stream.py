@@ -10,7 +10,9 @@ from types import MappingProxyType
 import pytest
 
 from service.catalog.catalog import Catalog, Entry
+from tests.clients.proxy import Proxy
 from tests.clients.typescript.node import Driver
+from tests.service.access.conftest import added
 from tests.service.stream.conftest import Server
 from verbs import library
 
@@ -105,6 +107,24 @@ def test_a_wrong_key_is_an_error_and_a_revoked_one_an_event(guarded):
         open_connections(driver)
         number = driver.until("pose")["number"]
         driver.until("pose", lambda row: row["number"] > number + 5)
+
+
+def test_a_key_that_is_revoked_without_a_connection_is_an_event(guarded):
+    proxy, key = Proxy(guarded.server.port), added(guarded.store, "pose")
+    with ExitStack() as stack:
+        stack.callback(proxy.close)
+        driver = stack.enter_context(Driver(proxy.url, key=key))
+        driver.until("pose")
+        proxy.accepting = False
+        proxy.cut()
+        driver.until("connection", lambda row: row["connection"] == "lost")
+        guarded.store.revoke(key.split("_")[1])
+        proxy.accepting = True
+        driver.until("unauthenticated")
+        driver.send("key", key=guarded.keys["admin"])
+        open_connections(driver)
+        driver.discard()
+        driver.until("pose")
 
 
 def test_a_new_version_continues_the_motion(all_verbs):

@@ -150,7 +150,9 @@ export class Session implements ProtocolEvents {
   rejected(number: number | null, code: string, detail: string, nowMs: number): void {
     const role = number !== null && this.streams.comparison.find(number) ? "comparison" : "main";
     const channel = number === null ? undefined : this.streams[role].find(number);
-    channel?.refused(code === "not_ready" ? nowMs + NOT_READY_MS : Number.POSITIVE_INFINITY);
+    if (channel?.pending && !channel.answers(code)) return;
+    channel?.refused(code, code === "not_ready" ? nowMs + NOT_READY_MS : Number.POSITIVE_INFINITY);
+    if (code === "channel_in_use") return;
     if (code !== "not_ready") this.emit({ kind: "refused", role, code, detail });
   }
 

@@ -49,10 +49,13 @@ export class Client {
   /** Address without a slash at the end; empty: the page's own server. */
   readonly base: string;
   readonly send: Send;
+  /** Key of further requests; null: none. */
+  key: string | null;
 
-  constructor(base = "", { key, fetch: fetcher, send }: ClientOptions = {}) {
+  constructor(base = "", { key = null, fetch: fetcher, send }: ClientOptions = {}) {
     this.base = base.replace(/\/+$/, "");
-    this.send = send ?? ((address, init) => request(address, init, key ?? "", fetcher));
+    this.key = key;
+    this.send = send ?? ((address, init) => request(address, init, this.key ?? "", fetcher));
   }
 
   /** Any route of the OpenAPI document, with its types; returns the JSON of the response. */

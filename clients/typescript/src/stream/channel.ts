@@ -94,9 +94,21 @@ export class Channel {
     return true;
   }
 
+  /**
+   * Whether an error is the answer to the last `open` or `switch`. A server that does not have the channel refuses
+   * settings that were sent before the `open`.
+   */
+  answers(code: string): boolean {
+    return this.pending && (this.before !== null || code !== "unknown_channel");
+  }
+
   /** Handle a refused `open` or `switch`; retry at a time, or if infinite only for another target. */
-  refused(againMs: number): void {
-    if (this.waiting === 0 || --this.waiting > 0) return;
+  refused(code: string, againMs: number): void {
+    if (!this.answers(code) || --this.waiting > 0) return;
+    if (code === "channel_in_use") {
+      this.identity = ""; // it is closed, and opened again
+      return;
+    }
     this.retryAtMs = againMs;
     this.refusedIdentity = this.identity;
     this.sent = this.before?.sent ?? null;

@@ -18,6 +18,8 @@ import type { Connection, StreamStats } from "./stream_stats.js";
 const MOST_PENDING = 48;
 const NOT_READY_MS = 1000;
 const CHANNELS = 65_536;
+/** Failed attempts to connect after which the key is checked. */
+const ASK_AFTER = 3;
 
 export interface ConnectOptions extends Pick<ClientOptions, "key" | "fetch"> {
   /** Time in which the server has to answer, ms. */
@@ -105,6 +107,8 @@ export class Stream {
   private readonly link: Link;
   private readonly descriptions = new Map<string, Promise<Verb>>();
   private readonly timeoutMs: number;
+  /** Failed attempts to connect since the connection was lost. */
+  private attempts = 0;
   private nextChannel = 0;
   private scheduled = false;
   private shownView: string | null = null;
@@ -120,7 +124,11 @@ export class Stream {
     const address = `${this.client.base.replace(/^http/, "ws")}/v1/stream`;
     this.protocol = new Protocol(this.receiver());
     this.link = new Link((protocols) => socket(address, protocols), this.protocol, {
-      connection: (connection, detail, againInS) => this.emitter.emit("connection", { connection, detail, againInS }),
+      connection: (connection, detail, againInS) => {
+        this.emitter.emit("connection", { connection, detail, againInS });
+        if (connection === "open") this.attempts = 0;
+        else if (connection === "lost" && ++this.attempts % ASK_AFTER === 0) void this.checkKey();
+      },
       unauthenticated: (_, detail) => this.emitter.emit("unauthenticated", { detail }),
     });
     this.link.setKey(key ?? "");
@@ -171,9 +179,19 @@ export class Stream {
     this.protocol.send(this.shownView);
   }
 
-  /** Connect with another key; null: disconnect until there is one. */
+  /** Connect with another key, which the REST calls have too; null: disconnect until there is one. */
   setKey(key: string | null): void {
+    this.client.key = key;
     this.link.setKey(key);
+  }
+
+  /** Sockets do not report why a handshake is refused: a key that was revoked meanwhile is no reason to try again. */
+  private async checkKey(): Promise<void> {
+    const { key } = this.client;
+    const reason = await reasonOf(new TransportError(""), this.client, this.timeoutMs);
+    if (!(reason instanceof NoAccess) || this.connection !== "lost" || this.client.key !== key) return;
+    this.link.setKey(null);
+    this.emitter.emit("unauthenticated", { detail: reason.detail });
   }
 
   /** Rates since the last calls, and totals. */
@@ -291,14 +309,19 @@ export class Stream {
 
   private rejected(channel: number | null, code: string, detail: string, nowMs: number): void {
     const figure = channel === null ? undefined : this.figures.get(channel);
+    if (figure?.channel.pending && !figure.channel.answers(code)) return;
+    if (figure && code === "channel_in_use") {
+      figure.channel.refused(code, nowMs);
+      return this.schedule();
+    }
     if (code === "not_ready" && figure) {
-      figure.channel.refused(nowMs + NOT_READY_MS);
+      figure.channel.refused(code, nowMs + NOT_READY_MS);
       setTimeout(() => this.schedule(), NOT_READY_MS + 1);
       return;
     }
     const error = responseError(0, code, detail, [], 0, { channel });
     if (!figure?.channel.pending) return this.emitter.emit("error", error);
-    figure.channel.refused(Number.POSITIVE_INFINITY);
+    figure.channel.refused(code, Number.POSITIVE_INFINITY);
     figure.rejectAnswer(error);
     if (!figure.channel.isOpen) this.figures.delete(figure.channel.number);
   }

@@ -2846,6 +2846,7 @@ namespace Adverb
                 return;
             }
             _confirmed.Add(number);
+            _notReady.Remove(number);
             channel.ApplyOpened(opened);
             if (channel.Switch == null) Answer(channel, null);
             Emit(new StreamEvent { Kind = StreamEventKind.Opened, Channel = number, Name = opened.Verb,
@@ -2883,10 +2884,15 @@ namespace Adverb
                 return;
             }
             AdverbChannel channel;
-            bool known = _channels.TryGetValue(number, out channel), open = _layouts.ContainsKey(number);
+            bool known = _channels.TryGetValue(number, out channel);
+            bool open = known && channel.Info != null && _layouts.ContainsKey(number);
             // a setting after an `open` that was not ready
             if (known && !open && error.Code == "unknown_channel") return;
-            if (known && open && channel.Pending == null && error.Code == "channel_in_use") return; // a repeated `open`
+            if (known && error.Code == "channel_in_use")
+            {
+                InUse(channel);
+                return;
+            }
             if (number < 0 && error.Code == "bad_message") channel = OnlyPending();
             if (channel != null && channel.Pending != null)
             {
@@ -2904,6 +2910,17 @@ namespace Adverb
             }
             Emit(new StreamEvent { Kind = StreamEventKind.Error, Channel = number, Error = error,
                 Detail = error.Detail });
+        }
+
+        // An `open` was repeated, of this channel or of a closed one with its number.
+        void InUse(AdverbChannel channel)
+        {
+            if (channel.Info == null)
+            {
+                Send(Message("close", "channel", channel.Number));
+                Reopen(channel);
+            }
+            else if (channel.Switch == null) Answer(channel, null);
         }
 
         AdverbChannel OnlyPending()

@@ -276,6 +276,7 @@ class Session:
             self._send({"op": "close", "channel": opened.channel})
             return
         self._confirmed.add(opened.channel)
+        self._not_ready.discard(opened.channel)
         channel.apply_opened(opened)
         if channel.switch is None:
             self._answer(opened.channel, None)
@@ -293,11 +294,10 @@ class Session:
             self._begin(self.hello, now_s)
             return
         channel = rejected.channel
-        if isinstance(rejected.error, UnknownChannel) and channel in self.channels and channel not in self._layouts:
+        if isinstance(rejected.error, UnknownChannel) and channel in self.channels and not self._is_open(channel):
             return  # a setting after an `open` that was not ready; the next `open` has it
-        if isinstance(rejected.error, ChannelInUse) and channel in self.channels and self.channels[channel].opened:
-            if self.channels[channel].switch is None:
-                self._answer(channel, None)  # an `open` was repeated, and the one before was answered
+        if isinstance(rejected.error, ChannelInUse) and channel in self.channels:
+            self._in_use(self.channels[channel])
             return
         if channel is None and len(self.pending) == 1 and rejected.error.code == "bad_message":
             channel = next(iter(self.pending))  # there is no other request
@@ -311,6 +311,18 @@ class Session:
                 self._not_ready.add(known.number)
                 return
         self._emit(rejected)
+
+    def _is_open(self, number: int) -> bool:
+        """Whether the server has opened this channel, and not only one before with its number."""
+        return number in self._layouts and self.channels[number].opened is not None
+
+    def _in_use(self, channel: Channel) -> None:
+        """Handle the error of an `open` that was repeated, of this channel or of a closed one with its number."""
+        if channel.opened is None:
+            self._send({"op": "close", "channel": channel.number})
+            self._reopen(channel)
+        elif channel.switch is None:
+            self._answer(channel.number, None)  # the `open` before was answered
 
     def retry_not_ready(self) -> None:
         """Reopen channels that the server rejected with ``not_ready``."""

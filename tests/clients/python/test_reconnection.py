@@ -122,6 +122,31 @@ async def test_a_repeated_open_of_an_open_channel_is_no_event(stream, fake):
     assert not [event for event in stream.take_events() if isinstance(event, CommandRejected)]
 
 
+async def test_the_error_of_an_open_of_a_closed_channel_is_no_answer_to_the_next_one(stream, fake):
+    """The first open was repeated, and its repetition is rejected after the channel is closed."""
+    channel = await stream.open("reach", adverbs=AT)
+    stream._outbox.put(None, channel.open_message())
+    await stream.close_channel(channel)
+    again = await stream.open("reach", number=channel.number, adverbs=AT)
+    count = stream.stats.messages
+    await until(lambda: stream.stats.messages > count + 3)
+    assert again.opened is not None
+    assert not [event for event in stream.take_events() if isinstance(event, CommandRejected)]
+
+
+async def test_a_channel_that_was_not_ready_is_not_opened_twice(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    fake.forget()
+    fake.not_ready = 1
+    await fake.drop()
+    await until(lambda: channel.error is not None)
+    stream._outbox.put(None, channel.open_message())
+    await until(lambda: channel.error is None)
+    stream._session.retry_not_ready()
+    await stream.ping()
+    assert len(fake.received("open")) == 3
+
+
 async def test_an_open_that_another_one_has_overtaken_succeeds(stream, fake):
     fake.not_ready = 1
     opening = asyncio.create_task(stream.open("reach", number=3, adverbs=AT))

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-__all__ = ["Settings", "origins_of"]
+__all__ = ["Settings", "origins_of", "receivers_of"]
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 KeysMode = Literal["auto", "required", "off"]
@@ -39,6 +39,17 @@ def origins_of(listed: str) -> frozenset[str]:
         if entry:
             found.add("*" if entry == "*" else plain.lower())
     return frozenset(found)
+
+
+def receivers_of(text: str) -> dict[str, str]:
+    """Addresses by name, of ``name=host:port`` separated by commas; raises :class:`ValueError`."""
+    found = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, equals, address = part.partition("=")
+        if not equals or not name.strip() or not address.strip():
+            raise ValueError(f"'{part:.100}' is no receiver; write NAME=HOST:PORT")
+        found[name.strip()] = address.strip()
+    return found
 
 
 class Settings(BaseSettings):
@@ -264,6 +275,14 @@ class Settings(BaseSettings):
     stream_characters: Annotated[
         int, Field(ge=1, le=1_000_000, description="Largest number of channels (characters) of all streams.")
     ] = 20_000
+    vmc: Annotated[
+        str,
+        Field(
+            max_length=2_000,
+            description="Receivers of the Virtual Motion Capture protocol by name, separated by commas "
+            "(`stage=192.168.1.20:39539`). A stream's `open` names the one that its channel's poses are sent to.",
+        ),
+    ] = ""
     stream_grace_s: Annotated[
         float,
         Field(ge=0, le=600, description="Time in which a stream can be resumed after its connection is lost, seconds."),
@@ -286,6 +305,12 @@ class Settings(BaseSettings):
                 parse_many(value)
             except ValueError as err:
                 raise ValueError(f"{value!r} is not a rate; write 100/second, or 5000/minute") from err
+        return value
+
+    @field_validator("vmc")
+    @classmethod
+    def _receivers(cls, value: str) -> str:
+        receivers_of(value)
         return value
 
     @field_validator("cors_origins", "frame_ancestors")

@@ -18,6 +18,7 @@ from service.stream.group import Form, Group
 from service.stream.messages import Open, Set, Switch
 from service.stream.session import Channel, Session
 from service.stream.ticks import Ticks
+from service.stream.vmc import Receivers, Sender
 from service.wire import NEW_VERSION, Layout
 from verbs.errors import VerbError
 from verbs.runtime.characters import VERSION_S
@@ -44,6 +45,8 @@ class Channels:
     ----------
     groups : dict
         By verb, version and method.
+    receivers : Receivers
+        Of VMC.
     on_characters : callable
         Called when the number of characters has changed.
     """
@@ -58,6 +61,7 @@ class Channels:
         self._settings, self._catalog, self._ticks, self._send = settings, catalog, ticks, send
         self.on_characters: Callable[[], None] = lambda: None
         self.groups: dict[tuple[str, int, str], Group] = {}
+        self.receivers = Receivers(settings.vmc)
         self._of_key: Counter[str] = Counter()
         self._renewing: deque[tuple[Channel, Catalog]] = deque()
 
@@ -78,6 +82,7 @@ class Channels:
         group = self._group(entry, request.method)
         form = Form.of(request)
         layout = group.layout(form)
+        vmc = None if request.vmc is None else self._sender(request.vmc, entry)
         slot = group.characters.add(
             request.adverbs,
             phase=request.phase,
@@ -94,6 +99,7 @@ class Channels:
             support=request.support,
             changes=request.send == "changes",
             priority=request.priority,
+            vmc=vmc,
         )
         session.channels[request.channel] = channel
         session.thinned += channel.changes
@@ -136,6 +142,8 @@ class Channels:
         entry = self._catalog().entry(request.verb)
         group = self._group(entry, request.method)
         layout = group.layout(channel.form)
+        if channel.vmc is not None:
+            channel.vmc.fit(entry.verb.skeleton)
         channel.wake()
         slot = group.characters.go_on(
             *(channel.group.characters, channel.slot, request.adverbs),
@@ -154,6 +162,8 @@ class Channels:
             del self._of_key[session.caller]
         self._ticks.drop(session, channel.fps)
         channel.remove()
+        if channel.vmc is not None:
+            channel.vmc.close()
         self.on_characters()
 
     # ── versions ─────────────────────────────────────────────────────────────────────────────────────────────────
@@ -189,6 +199,8 @@ class Channels:
             layout = group.layout(channel.form)
             if _names(entry) != _names(was.entry):
                 raise VerbError(f"its adverbs are {', '.join(_names(entry))}")
+            if channel.vmc is not None:
+                channel.vmc.fit(entry.verb.skeleton)
             channel.wake()
             slot = group.characters.go_on(was.characters, channel.slot, transition_s=VERSION_S, same=True)
         except VerbError as err:
@@ -206,6 +218,16 @@ class Channels:
         )
 
     # ── parts ────────────────────────────────────────────────────────────────────────────────────────────────────
+
+    def _sender(self, name: str, entry: Entry) -> Sender:
+        """A sender of the poses of a verb."""
+        sender = self.receivers.sender(name)
+        try:
+            sender.fit(entry.verb.skeleton)
+        except VerbError:
+            sender.close()
+            raise
+        return sender
 
     def _move(self, channel: Channel, group: Group, slot: int, layout: Layout) -> None:
         channel.remove()

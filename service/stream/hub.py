@@ -100,6 +100,7 @@ class Hub:
             self.engine.handle(END_S)
             for connection in self._connections:
                 connection.cut()
+            self.channels.receivers.close()
 
     @property
     def full(self) -> bool:

@@ -94,6 +94,9 @@ class Open(_ClientMessage):
         ),
     ] = "frames"
     priority: Priority = 1.0
+    vmc: Annotated[
+        Name | None, Field(description="Receiver of VMC, of those that the server's operator has named.")
+    ] = None
 
     @model_validator(mode="after")
     def _send_fits(self) -> Self:

@@ -133,6 +133,8 @@ class Part:
         Numbers of their records among those of the tick.
     may_rest : (B,) bool or None
         Whose records are sent where they differ only; None where none are.
+    vmc : (V,) int64
+        Rows whose poses are sent to receivers of VMC in addition.
     """
 
     group: Group
@@ -144,6 +146,7 @@ class Part:
     supported: I64
     records: I64
     may_rest: Flags | None
+    vmc: I64
 
     def only(self, rows: I64) -> Part:
         """The part without the other rows; ``rows`` rise."""
@@ -152,7 +155,7 @@ class Part:
         return Part(
             self.group, self.fps, [self.channels[row] for row in rows.tolist()], self.slots[rows],
             self.targets.only(rows), self.wanted[rows], np.flatnonzero(np.isin(rows, self.supported)),
-            self.records[rows], None,
+            self.records[rows], None, np.flatnonzero(np.isin(rows, self.vmc)),
         )  # fmt: skip
 
 
@@ -351,6 +354,7 @@ def _part(key: tuple[Group, int], pieces: list[_Piece], bases: list[int], firsts
         np.flatnonzero([channel.support for channel in channels]),
         np.concatenate([piece.ranks + first for piece, first in zip(pieces, firsts.tolist(), strict=True)]),
         np.array([channel.rests for channel in channels]) if any(channel.changes for channel in channels) else None,
+        np.flatnonzero([channel.vmc is not None for channel in channels]),
     )
 
 

@@ -16,6 +16,7 @@ from service.stream.connection import TOO_SLOW, Connection, DirectConnection, te
 from service.stream.group import Form, Group
 from service.stream.interest import Interest
 from service.stream.kernels import CLOSED, U16, Lines
+from service.stream.vmc import Sender
 from service.wire import Layout
 from verbs.conventions import F32, I64
 from verbs.errors import VerbError
@@ -82,6 +83,8 @@ class Channel:
         Whether its record is sent where it differs from the one before only.
     priority : float
         Weight where the session has a byte budget.
+    vmc : Sender or None
+        Where its poses are sent to in addition.
     flags : int
         Flags of its next record, in addition to those of the frame.
     """
@@ -97,6 +100,7 @@ class Channel:
     support: bool = False
     changes: bool = False
     priority: float = 1.0
+    vmc: Sender | None = None
     flags: int = 0
 
     def head(self) -> int:
@@ -106,7 +110,7 @@ class Channel:
     @property
     def rests(self) -> bool:
         """Whether its character may rest."""
-        return self.changes and self.session.interest is None
+        return self.changes and self.session.interest is None and self.vmc is None
 
     def wake(self) -> None:
         """Bring its character up to date, if it rests, and send a record in the next tick."""

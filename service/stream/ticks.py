@@ -148,6 +148,10 @@ class Ticks:
             self._metrics.count_frames(part.group.entry, method, step.error, step.clamped, len(part.slots))
             if len(part.supported):
                 _add_support(part, found.words)
+            for row in part.vmc.tolist():
+                sender = part.channels[row].vmc
+                if sender is not None:
+                    sender.send(part.group.characters, int(part.slots[row]), prepared.due_s)
             _collect_texts(part, step, prepared.texts)
             self._clear_flags(part)
         for message in thinned:

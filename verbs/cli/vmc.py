@@ -10,9 +10,9 @@ import typer
 
 from verbs.cli.options import MethodOption, Plant, open_verb, parse_at
 from verbs.cli.output import err, plain
-from verbs.errors import OutOfRange, RequestError
+from verbs.errors import RequestError
 
-__all__ = ["address_of", "vmc_command"]
+__all__ = ["vmc_command"]
 
 
 def vmc_command(
@@ -36,7 +36,7 @@ def vmc_command(
     """
     import numpy as np
 
-    from verbs.io.vmc import VmcPackets
+    from verbs.io.vmc import VmcPackets, address_of
     from verbs.runtime.characters import Characters
     from verbs.runtime.evaluate import Evaluator
 
@@ -58,22 +58,6 @@ def vmc_command(
             for packet in packets.pack(frames.root[0], frames.rotations[0], sent / fps):
                 _send(sender, packet, address, to)
             sent += 1
-
-
-def address_of(text: str) -> tuple[socket.AddressFamily, Any]:
-    """Family and address of ``HOST:PORT``; raises :class:`OutOfRange` or :class:`RequestError`."""
-    from verbs.io.vmc import PORT
-
-    host, found, port = text.rpartition(":") if not text.endswith("]") else (text, "", "")
-    if not found:
-        host, port = text, str(PORT)
-    if not port.isdigit() or not 1 <= int(port) <= 65_535 or not host:
-        raise OutOfRange(f"'{text:.100}' is no address; write HOST:PORT, e.g. 127.0.0.1:{PORT}")
-    try:
-        row = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
-    except OSError as problem:
-        raise RequestError(f"the host '{host:.100}' is not known: {problem.strerror or problem}") from problem
-    return row[0], row[4]
 
 
 def _send(sender: socket.socket, packet: bytearray, address: Any, to: str) -> None:

@@ -11,19 +11,21 @@ Sources: Virtual Motion Capture Protocol 2.7 (protocol.vmc.info); OSC 1.0 (opens
 
 from __future__ import annotations
 
+import socket
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from verbs.conventions import F64
-from verbs.errors import RequestError
+from verbs.errors import OutOfRange, RequestError
 from verbs.io.humanoid import bones_of, missing, t_pose
 from verbs.kernels import pose, quat
 from verbs.skeleton import Skeleton
 
-__all__ = ["PORT", "VmcPackets", "unity_name"]
+__all__ = ["PORT", "VmcPackets", "address_of", "unity_name"]
 
 PORT = 39539
 """Port on which performers are received by default."""
@@ -47,6 +49,20 @@ def unity_name(bone: str) -> str:
             bone = bone.removesuffix(ours) + theirs
             break
     return bone[0].upper() + bone[1:]
+
+
+def address_of(text: str) -> tuple[socket.AddressFamily, Any]:
+    """Family and address of ``HOST:PORT``; raises :class:`OutOfRange` or :class:`RequestError`."""
+    host, found, port = text.rpartition(":") if not text.endswith("]") else (text, "", "")
+    if not found:
+        host, port = text, str(PORT)
+    if not port.isdigit() or not 1 <= int(port) <= 65_535 or not host:
+        raise OutOfRange(f"'{text:.100}' is no address; write HOST:PORT, e.g. 127.0.0.1:{PORT}")
+    try:
+        row = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
+    except OSError as problem:
+        raise RequestError(f"the host '{host:.100}' is not known: {problem.strerror or problem}") from problem
+    return row[0], row[4]
 
 
 @dataclass(frozen=True, slots=True)

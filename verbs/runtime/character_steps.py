@@ -171,6 +171,10 @@ class CharacterSteps(CharacterPool):
         legs = self.planting.legs
         _restart(slots, self.state, self.stored.frames, self.stored.offsets, self._ahead(slots), legs, RESTART_S)
 
+    def displayed(self, slots: I64) -> F64:
+        """Poses (n, 3 + 4·J) of the last frames: root, then local rotations, the root's in the world."""
+        return self._displayed(slots)[:, 1]
+
     def _displayed(self, slots: I64) -> F64:
         """The last two frames (n, 2, 3 + 4·J), latest last; zeros before the first."""
         frames = np.zeros((len(slots), 2, 3 + 4 * len(self.verb.skeleton)))

@@ -81,6 +81,8 @@ class OpenOptions(TypedDict, total=False):
         Poses are not interpolated then; ``channel.buffer.last`` has the newest record.
     priority : float
         Weight of the channel where the stream has a byte budget, above 0, up to 1000; see ``Stream.view``.
+    vmc : str
+        Receiver of VMC that the server's operator has named; it gets the poses too.
     """
 
     adverbs: Mapping[str, float]
@@ -101,6 +103,7 @@ class OpenOptions(TypedDict, total=False):
     support: bool
     send: Sending
     priority: float
+    vmc: str
 
 
 def checked(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -142,7 +145,7 @@ def _checked(name: str, value: Any) -> Any:
         return finite(value)
     if name == "joints":
         return [str(joint) for joint in value]
-    if name == "method":
+    if name in ("method", "vmc"):
         return str(value)
     raise ValueError(f"unknown option {name!r}")
 

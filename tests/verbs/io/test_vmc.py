@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from verbs import library
 from verbs.cli.application import app
-from verbs.cli.vmc import address_of
 from verbs.errors import OutOfRange, RequestError
 from verbs.io import humanoid, vmc
 from verbs.kernels import fk, quat
@@ -151,9 +150,9 @@ def test_the_command_sends_to_a_receiver():
 @pytest.mark.parametrize("text", ["", "127.0.0.1:0", "127.0.0.1:x", "127.0.0.1:70000", ":39539"])
 def test_wrong_addresses_are_named(text):
     with pytest.raises(OutOfRange, match="write HOST:PORT"):
-        address_of(text)
+        vmc.address_of(text)
 
 
 def test_addresses_have_a_default_port():
-    assert address_of("127.0.0.1")[1][:2] == ("127.0.0.1", vmc.PORT)
-    assert address_of("[::1]:4000")[1][:2] == ("::1", 4000)
+    assert vmc.address_of("127.0.0.1")[1][:2] == ("127.0.0.1", vmc.PORT)
+    assert vmc.address_of("[::1]:4000")[1][:2] == ("::1", 4000)

@@ -1397,6 +1397,12 @@ export interface components {
             support: boolean;
             /** Verb */
             verb: string;
+            /**
+             * Vmc
+             * @description Receiver of VMC, of those that the server's operator has named.
+             * @default null
+             */
+            vmc: string | null;
         };
         /**
          * Opened

@@ -48,6 +48,8 @@ export interface FigureOptions extends FigureSettings {
   events?: boolean;
   /** Weight in a byte budget. */
   priority?: number;
+  /** Receiver of VMC that the server's operator has named; it gets the poses too. */
+  vmc?: string;
 }
 
 /** Displayed pose of a figure. */
@@ -67,7 +69,7 @@ export interface FigureHost {
 }
 
 const SETTINGS = ["speed", "playing", "loop", "fps", "halfLife"] as const;
-const OPEN_FIELDS = ["joints", "space", "frame", "plant", "follow", "events", "priority"] as const;
+const OPEN_FIELDS = ["joints", "space", "frame", "plant", "follow", "events", "priority", "vmc"] as const;
 
 export class Figure {
   private readonly stream: FigureStream;

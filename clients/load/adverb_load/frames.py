@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import struct
+from collections.abc import Mapping
 
 __all__ = [
     "BINARY", "CLOSE", "PING", "PONG", "TEXT",
@@ -111,7 +112,9 @@ class Parser:
             self._parts = []
 
 
-def request(host: str, port: int, path: str, key: bytes, subprotocol: str) -> bytes:
+def request(
+    host: str, port: int, path: str, key: bytes, subprotocol: str, headers: Mapping[str, str] | None = None
+) -> bytes:
     """A client's opening request; ``key`` has 16 bytes."""
     lines = [
         f"GET {path} HTTP/1.1",
@@ -121,6 +124,7 @@ def request(host: str, port: int, path: str, key: bytes, subprotocol: str) -> by
         f"Sec-WebSocket-Key: {base64.b64encode(key).decode()}",
         "Sec-WebSocket-Version: 13",
         f"Sec-WebSocket-Protocol: {subprotocol}",
+        *(f"{name}: {value}" for name, value in (headers or {}).items()),
     ]
     return "\r\n".join([*lines, "", ""]).encode()
 

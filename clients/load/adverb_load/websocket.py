@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import random
+import socket
+import ssl
 import time
-from typing import Protocol, cast
+from collections.abc import Mapping
+from typing import Any, Protocol, cast
 from urllib.parse import urlsplit
 
 from adverb_load import frames
@@ -163,19 +166,52 @@ class WebSocket(asyncio.Protocol):
         self.abort()
 
 
-async def connect(url: str, listener: Listener, rng: random.Random, *, timeout_s: float = 10.0) -> WebSocket:
-    """Open a WebSocket; raises :class:`frames.FrameError`, OSError or TimeoutError."""
+async def connect(
+    url: str,
+    listener: Listener,
+    rng: random.Random,
+    *,
+    timeout_s: float = 10.0,
+    headers: Mapping[str, str] | None = None,
+    receive_buffer: int | None = None,
+) -> WebSocket:
+    """Open a WebSocket; raises :class:`frames.FrameError`, OSError or TimeoutError.
+
+    ``receive_buffer`` is the size of the kernel's buffer, bytes; with a small one, a pause is noticed soon.
+    """
     parts = urlsplit(url)
-    if parts.scheme != "ws" or not parts.hostname:
+    if parts.scheme not in ("ws", "wss") or not parts.hostname:
         raise ValueError(f"'{url}' is not the address of a stream; expected ws://HOST:PORT/v1/stream")
-    host, port, key = parts.hostname, parts.port or 80, rng.randbytes(16)
-    load = frames.request(host, port, parts.path or "/", key, SUBPROTOCOL)
+    secure = parts.scheme == "wss"
+    host, port, key = parts.hostname, parts.port or (443 if secure else 80), rng.randbytes(16)
+    opening = frames.request(host, port, parts.path or "/", key, SUBPROTOCOL, headers)
+    context = ssl.create_default_context() if secure else None
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(timeout_s):
-        _, socket = await loop.create_connection(lambda: WebSocket(listener, load, key, rng), host, port)
+        place: dict[str, Any] = {"host": host, "port": port}
+        if receive_buffer is not None:
+            place = {"sock": await _buffered(host, port, receive_buffer)}
+            if secure:
+                place["server_hostname"] = host
+        _, found = await loop.create_connection(lambda: WebSocket(listener, opening, key, rng), ssl=context, **place)
         try:
-            await socket.ready
+            await found.ready
         except asyncio.CancelledError:
-            socket.abort()
+            found.abort()
             raise
-    return socket
+    return found
+
+
+async def _buffered(host: str, port: int, receive_buffer: int) -> socket.socket:
+    """A connected socket with a small receive buffer, which has to be set before the connection."""
+    loop = asyncio.get_running_loop()
+    family, kind, number, _, address = (await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM))[0]
+    made = socket.socket(family, kind, number)
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+    made.setblocking(False)
+    try:
+        await loop.sock_connect(made, address)
+    except BaseException:
+        made.close()
+        raise
+    return made

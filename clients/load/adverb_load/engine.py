@@ -100,7 +100,7 @@ class _Run:
         cpu.begin()
         await _until(stop, start_s + profile.duration_s)
         share = cpu.share()
-        seconds = min(max(time.monotonic() - start_s, 0.0), profile.duration_s)
+        seconds = max(time.monotonic() - start_s, 0.0) if stop.is_set() else profile.duration_s
         for task in schedules:
             task.cancel()
         await self._tail(TAIL_S if not stop.is_set() else SHORT_TAIL_S)
@@ -113,9 +113,9 @@ class _Run:
             await one.close()  # those without a response count as errors
         for load in self.loads:
             load.sweep()
-        if seconds < profile.interval_s:
+        if stop.is_set() and seconds < profile.interval_s:
             raise RequestError(f"interrupted after {seconds:.1f} s, before the first interval was complete")
-        whole = seconds if not stop.is_set() else profile.interval_s * int(seconds / profile.interval_s)
+        whole = profile.interval_s * int(seconds / profile.interval_s) if stop.is_set() else seconds
         return self._report(whole, share, started, interrupted=stop.is_set())
 
     async def _sweep(self) -> None:

@@ -48,10 +48,10 @@ def _streams(group: Json, interval_s: float) -> list[str]:
         f"{plan['sockets']} sockets × {plan['channels']} channels of {', '.join(plan['verbs'])}, "
         f"{plan['fps']} fps, {plan['encoding']}"
     )
-    share = 100.0 * frames["per_s"] / frames["asked_per_s"]
+    share = 100.0 * frames["per_s"] / frames["target_per_s"]
     lost = frames["dropped"] + frames["skipped"]
     tiles = [
-        (f"{share:.1f} %", f"of {frames['asked_per_s']:g} frames a second"),
+        (f"{share:.1f} %", f"of {frames['target_per_s']:g} frames a second"),
         (f"{lost}", "frames dropped or skipped"),
         (f"{frames['gaps']}", "missing unreported"),
     ]
@@ -74,7 +74,7 @@ def _streams(group: Json, interval_s: float) -> list[str]:
     if rows:
         body.append(_over_time("Lateness of frames", group["series"]["lateness_s"], interval_s))
         body.append(_distribution("Distribution of times", [(label, group["series"][name]) for label, name in rows]))
-    body.append(_rates("Frames", group["per_interval"]["frames"], frames["asked_per_s"], interval_s))
+    body.append(_rates("Frames", group["per_interval"]["frames"], frames["target_per_s"], interval_s))
     if poses["measured"]:
         body.append(_lengths("Error, measured here by forward kinematics", group["series"]["error_m"]))
     body += [
@@ -90,7 +90,7 @@ def _requests(group: Json, interval_s: float) -> list[str]:
     what = plan["route"] if plan["route"] in ("verbs", "health") else f"{plan['route']} of {plan['verb']}"
     failed = sum(group["errors"].values())
     tiles = [
-        (f"{counts['per_s']:g}", f"responses a second, of {counts['asked_per_s']:g} asked"),
+        (f"{counts['per_s']:g}", f"responses a second, of {counts['target_per_s']:g} requested"),
         (f"{milliseconds(summary['latency_s']['p50'])} ms", "latency from the scheduled time, p50"),
         (f"{milliseconds(summary['latency_s']['p99'])} ms", "latency, p99"),
         (f"{failed}", f"failed of {counts['scheduled']}"),
@@ -107,7 +107,7 @@ def _requests(group: Json, interval_s: float) -> list[str]:
             _tiles(tiles), '<div class="plots">',
             _over_time("Latency from the scheduled time", group["series"]["latency_s"], interval_s),
             _distribution("Distribution of times", [(label, group["series"][name]) for label, name in rows[:2]]),
-            _rates("Responses", group["per_interval"]["ended"], counts["asked_per_s"], interval_s)]  # fmt: skip
+            _rates("Responses", group["per_interval"]["ended"], counts["target_per_s"], interval_s)]  # fmt: skip
     if counts["measured"]:
         body.append(_lengths("Error, measured here by forward kinematics", group["series"]["error_m"]))
     return [*body, "</div>", _times_table(rows, summary), _errors(group["errors"], group["problems"])]
@@ -166,16 +166,18 @@ def _quantiles(parts: Sequence[Json], scale: float) -> tuple[list[float], list[f
     return places, [scale * whole.percentile(100.0 * (1.0 - 10.0**-place)) for place in places]
 
 
-def _rates(title: str, counts: Sequence[int], asked_per_s: float, interval_s: float) -> str:
+def _rates(title: str, counts: Sequence[int], target_per_s: float, interval_s: float) -> str:
     times = [(k + 0.5) * interval_s for k in range(len(counts))]
     lines = [
         Line("achieved", 1, times, [count / interval_s for count in counts], filled=True),
-        Line("asked", 2, times, [asked_per_s] * len(counts), dashed=True),
+        Line("target", 2, times, [target_per_s] * len(counts), dashed=True),
     ]
     return _card(f"{title} per second", plot(lines, x_label="seconds", y_label="per second") + legend(lines))
 
 
 def _times_table(rows: Sequence[tuple[str, str]], summary: Json) -> str:
+    if not rows:
+        return ""
     cells = [[escape(label), str(summary[name]["count"]), *(milliseconds(summary[name][column]) for column in COLUMNS)]
              for label, name in rows]  # fmt: skip
     return f'<div class="card">{table(["milliseconds", "count", *COLUMNS], cells)}</div>'

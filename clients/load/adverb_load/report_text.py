@@ -64,10 +64,10 @@ def warnings_of(report: Json) -> list[str]:
             f"this program used {100 * client['cpu_share']:.0f} % of a core: it may be what is slow; use less load"
         )
     for group in report["requests"]:
-        asked, sent = group["requests"]["scheduled_per_s"], group["requests"]["sent_per_s"]
-        if sent < 0.98 * asked:
+        target, sent = group["requests"]["scheduled_per_s"], group["requests"]["sent_per_s"]
+        if sent < 0.98 * target:
             found.append(
-                f"{group['name']}: {sent:g} of {asked:g} requests a second were sent; the rest had no connection"
+                f"{group['name']}: {sent:g} of {target:g} requests a second were sent; the rest had no connection"
             )
     return found
 
@@ -92,20 +92,20 @@ def lines_of(report: Json) -> list[str]:
 
 def _stream_lines(group: Json) -> list[str]:
     plan, frames, goals, poses, summary = (group[name] for name in ("plan", "frames", "goals", "poses", "summary"))
-    share = 100.0 * frames["per_s"] / frames["asked_per_s"]
+    share = 100.0 * frames["per_s"] / frames["target_per_s"]
     lines = [
         f"{group['name']}: {plan['sockets']} sockets × {plan['channels']} channels of {', '.join(plan['verbs'])}, "
         f"{plan['fps']} fps, {plan['encoding']}",
-        f"  frames    {frames['per_s']:g} of {frames['asked_per_s']:g} a second ({share:.1f} %), "
+        f"  frames    {frames['per_s']:g} of {frames['target_per_s']:g} a second ({share:.1f} %), "
         f"{frames['poses']} poses, {frames['bytes'] / 1e6:.1f} MB",
         f"  lost      {frames['dropped']} dropped, {frames['skipped']} skipped, {frames['gaps']} missing unreported; "
         f"{frames['dropped_slow']} dropped for slow readers",
     ]
     if summary["lateness_s"]["count"]:
         lines += [f"  lateness  {_times(summary['lateness_s'])}", f"  spacing   {_times(summary['spacing_s'])}"]
-    if goals["asked_per_s"]:
+    if goals["target_per_s"]:
         lines.append(
-            f"  goals     {goals['per_s']:g} of {goals['asked_per_s']:g} a second, {goals['held_back']} held back"
+            f"  goals     {goals['per_s']:g} of {goals['target_per_s']:g} a second, {goals['held_back']} held back"
         )
     if summary["response_s"]["count"]:
         lines.append(f"  response  {_times(summary['response_s'])}, goal to frame")
@@ -126,7 +126,7 @@ def _request_lines(group: Json) -> list[str]:
     kind = plan["route"] if plan["route"] in ("verbs", "health") else f"{plan['route']} of {plan['verb']}"
     lines = [
         f"{group['name']}: {kind}, {plan['accept']}, {plan['arrivals']} arrivals",
-        f"  rate      {counts['per_s']:g} of {counts['asked_per_s']:g} asked a second "
+        f"  rate      {counts['per_s']:g} of {counts['target_per_s']:g} requested a second "
         f"({counts['scheduled_per_s']:g} scheduled), {counts['connections']} connections",
         f"  latency   {_times(summary['latency_s'])}, from the scheduled time",
         f"  service   {_times(summary['service_s'])}, from sending",

@@ -254,7 +254,7 @@ class RequestLoad:
             "name": plan.name,
             "plan": {"route": plan.route, "verb": plan.verb, "accept": plan.accept, "rate": plan.rate,
                      "arrivals": plan.arrivals},
-            "requests": {"asked_per_s": round(plan.rate, 3), "scheduled_per_s": round(total["scheduled"] / seconds, 2),
+            "requests": {"target_per_s": round(plan.rate, 3), "scheduled_per_s": round(total["scheduled"] / seconds, 2),
                          "sent_per_s": round(total["sent"] / seconds, 2), "per_s": round(ended / seconds, 2), **total,
                          "connections": self._pool.most},
             "errors": {name: sum(self.errors.parts(name, seconds)) for name in self.errors.names()},

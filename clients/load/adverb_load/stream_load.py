@@ -163,7 +163,7 @@ class StreamLoad:
         """The group's part of the report, from the first seconds of the window."""
         group, plan = self.group, self.plan
         total = {name: sum(group.counts.parts(name, seconds)) for name in group.counts.names()}
-        asked = plan.sockets * plan.fps * seconds
+        target = plan.sockets * plan.fps * seconds
         trips = [client.clock.round_trip_s for client in self.clients if client.clock.known]
         series = {
             "lateness_s": group.lateness, "spacing_s": group.spacing, "response_s": group.response,
@@ -175,11 +175,11 @@ class StreamLoad:
                      "encoding": plan.encoding},
             "opened": {"sockets": self.live, "seconds": round(self.opening_s, 3), "failed": self.failed},
             "frames": {
-                "asked_per_s": round(asked / seconds, 2), "per_s": round(total.get("frames", 0) / seconds, 2),
+                "target_per_s": round(target / seconds, 2), "per_s": round(total.get("frames", 0) / seconds, 2),
                 **{name: total.get(name, 0)
                    for name in ("frames", "poses", "bytes", "dropped", "dropped_slow", "skipped", "gaps", "faults")},
             },
-            "goals": {"asked_per_s": round(plan.sockets * plan.steer_hz * (plan.goals != "hold"), 2),
+            "goals": {"target_per_s": round(plan.sockets * plan.steer_hz * (plan.goals != "hold"), 2),
                       "per_s": round(total.get("goals_sent", 0) / seconds, 2),
                       "held_back": total.get("goals_held_back", 0)},
             "poses": {name: total.get(name, 0) for name in ("heads", "clamped", "measured", "disagree")}

@@ -3,25 +3,12 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from adverb_load.client import Load
 from adverb_load.crowd import run_crowd
-from adverb_load.process import serve
 
 from tests.clients.load import LOAD
-
-PROJECT = Path(__file__).resolve().parents[3]
-START = "from service.cli import main; main()"
-
-
-@pytest.fixture(scope="module")
-def server():
-    command = [sys.executable, "-c", START, "serve", "--port", "0"]
-    with serve(command, core=None, cwd=PROJECT, environment={"ADVERB_DATA": "", "ADVERB_STREAM_GRACE_S": "2"}) as found:
-        script("--url", found.url, "--seconds", "0.2", "--steer", "20")  # compiles what is not compiled yet
-        yield found
 
 
 def script(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -28,6 +28,7 @@ __all__ = [
     "Request",
     "Response",
     "Track",
+    "body_of",
     "error_of",
     "path_of",
     "send",
@@ -143,7 +144,7 @@ class Api:
         options: PoseOptions,
     ) -> Operation[models.Pose]:
         """One pose."""
-        body, full = _body(options)
+        body, full = body_of(options)
         body |= {"adverbs": (yield from self._named(verb, adverbs))}
         given = {"phase": phase, "time": time_s, "max_error": max_error}
         body |= {name: float(number) for name, number in given.items() if number is not None}
@@ -166,7 +167,7 @@ class Api:
         if phases is not None and times_s is not None:
             raise ValueError("give phases or times_s, not both")
         at = np.broadcast_to(np.asarray(0.0 if phases is None else phases, np.float32), len(rows))
-        body, full = _body(options)
+        body, full = body_of(options)
         accept = JSON if full else OCTETS
         if times_s is None and not body.get("weights"):
             content = np.column_stack([rows, at]).astype("<f4").tobytes()
@@ -194,8 +195,8 @@ class Api:
         options: PoseOptions,
     ) -> Operation[models.Sequence]:
         """A whole motion."""
-        body, full = _body(options)
-        body |= yield from self._motion(verb, adverbs, track, fps, cycles)
+        body, full = body_of(options)
+        body |= yield from self.motion_body(verb, adverbs, track, fps, cycles)
         response = yield from _post(path_of(verb, "sequence"), body, JSON if full else OCTETS)
         if full:
             return parsing.parse_json(response.content, parsing.sequence)
@@ -207,17 +208,18 @@ class Api:
         self, verb: str, adverbs: Adverbs | None, track: Track | None, fps: float, cycles: int, options: PoseOptions
     ) -> Operation[str]:
         """A whole motion as a BVH file."""
-        body, _ = _body(options)
-        body |= yield from self._motion(verb, adverbs, track, fps, cycles)
+        body, _ = body_of(options)
+        body |= yield from self.motion_body(verb, adverbs, track, fps, cycles)
         response = yield from _post(path_of(verb, "sequence"), body, BVH)
         try:
             return response.content.decode()
         except UnicodeDecodeError as err:
             raise DecodeError(f"a BVH file that is not UTF-8: {err}") from err
 
-    def _motion(
+    def motion_body(
         self, verb: str, adverbs: Adverbs | None, track: Track | None, fps: float, cycles: int
     ) -> Operation[dict[str, Any]]:
+        """The JSON fields of a whole motion."""
         if (adverbs is None) == (track is None):
             raise ValueError("give either adverbs or track")
         body: dict[str, Any] = {"fps": float(fps), "cycles": cycles}
@@ -311,7 +313,7 @@ def path_of(verb: str, noun: str = "") -> str:
     return f"/v1/verbs/{quote(verb, safe='')}" + (f"/{noun}" if noun else "")
 
 
-def _body(options: PoseOptions) -> tuple[dict[str, Any], bool]:
+def body_of(options: PoseOptions) -> tuple[dict[str, Any], bool]:
     """Options as JSON fields, and whether a full response is requested."""
     body: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     full = bool(body.pop("full", False))

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from types import TracebackType
 from typing import Self, TypeVar, Unpack
 
 import httpx
 
 from adverb_client import models
-from adverb_client.api import Adverbs, Crowd, Numbers, Operation, PoseOptions, Request, Response, Track
+from adverb_client.api import Adverbs, Crowd, Numbers, Operation, PoseOptions, Request, Response, Track, error_of
 from adverb_client.authoring_calls import AsyncAuthoringCalls
+from adverb_client.authoring_models import Refinement
 from adverb_client.errors import TimedOut, TransportError, Unavailable
+from adverb_client.motion_api import EVENTS, events_path, refinements_of
+from adverb_client.motion_calls import AsyncMotionCalls
 from adverb_client.transport import POLL_S, BaseClient, auth_headers, httpx_request, response_of, transport_error
 
 __all__ = ["AsyncClient"]
@@ -21,7 +24,7 @@ __all__ = ["AsyncClient"]
 T = TypeVar("T")
 
 
-class AsyncClient(AsyncAuthoringCalls, BaseClient):
+class AsyncClient(AsyncAuthoringCalls, AsyncMotionCalls, BaseClient):
     """Asynchronous REST client; parameters and results are those of :class:`Client`.
 
     Examples
@@ -156,3 +159,16 @@ class AsyncClient(AsyncAuthoringCalls, BaseClient):
     ) -> str:
         """As :meth:`~adverb_client.Client.bvh`."""
         return await self._run(self._api.bvh(verb, adverbs, track, fps, cycles, options))
+
+    async def follow_refinement(self, id: str) -> AsyncIterator[Refinement]:
+        """As :meth:`~adverb_client.Client.follow_refinement`."""
+        try:
+            async with self._http.stream("GET", events_path(id), headers={"accept": EVENTS}, timeout=None) as response:
+                if response.status_code != httpx.codes.OK:
+                    await response.aread()
+                    raise error_of(response_of(response))
+                async for line in response.aiter_lines():
+                    for state in refinements_of((line,)):
+                        yield state
+        except (httpx.HTTPError, httpx.InvalidURL) as err:
+            raise transport_error(err, self._http.base_url) from err

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Self, TypeVar, Unpack
 
 import httpx
 
 from adverb_client import models
-from adverb_client.api import Adverbs, Crowd, Numbers, Operation, PoseOptions, Request, Response, Track
+from adverb_client.api import Adverbs, Crowd, Numbers, Operation, PoseOptions, Request, Response, Track, error_of
 from adverb_client.authoring_calls import AuthoringCalls
+from adverb_client.authoring_models import Refinement
 from adverb_client.errors import TimedOut, TransportError, Unavailable
+from adverb_client.motion_api import EVENTS, events_path, refinements_of
+from adverb_client.motion_calls import MotionCalls
 from adverb_client.transport import POLL_S, BaseClient, auth_headers, httpx_request, response_of, transport_error
 
 __all__ = ["Client"]
@@ -20,7 +23,7 @@ __all__ = ["Client"]
 T = TypeVar("T")
 
 
-class Client(AuthoringCalls, BaseClient):
+class Client(AuthoringCalls, MotionCalls, BaseClient):
     """Blocking REST client. It may be shared by threads, and is a context manager.
 
     Parameters
@@ -231,3 +234,20 @@ class Client(AuthoringCalls, BaseClient):
     ) -> str:
         """A whole motion as the text of a BVH file, in metres and degrees; arguments as of :meth:`sequence`."""
         return self._run(self._api.bvh(verb, adverbs, track, fps, cycles, options))
+
+    def follow_refinement(self, id: str) -> Iterator[Refinement]:
+        """States of a refinement as they change, by server-sent events; ends with the refinement.
+
+        Raises
+        ------
+        ResponseError, TransportError, DecodeError
+            As :meth:`pose`; also if the connection breaks. ``wait_refinement`` polls instead.
+        """
+        try:
+            with self._http.stream("GET", events_path(id), headers={"accept": EVENTS}, timeout=None) as response:
+                if response.status_code != httpx.codes.OK:
+                    response.read()
+                    raise error_of(response_of(response))
+                yield from refinements_of(response.iter_lines())
+        except (httpx.HTTPError, httpx.InvalidURL) as err:
+            raise transport_error(err, self._http.base_url) from err

@@ -18,6 +18,7 @@ __all__ = [
     "KeytimeEvent",
     "Pose",
     "Poses",
+    "QualityMap",
     "Sequence",
     "SkippedFile",
     "Verb",
@@ -265,6 +266,44 @@ class Sequence:
     def error(self) -> float | None:
         """The largest error of any frame; None where nothing is measured."""
         return None if np.isnan(self.errors).all() else float(np.nanmax(self.errors))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QualityMap:
+    """Quality of a method over a plane of two adverbs.
+
+    Parameters
+    ----------
+    verb : str
+    version : int
+    method : str
+    unit : str
+        Of errors.
+    across, up : str
+        Adverbs of columns and rows; ``up`` is empty where the verb has one adverb.
+    held : mapping of str to float
+        Values of the other adverbs.
+    columns : (C,) float64
+    rows : (R,) float64
+    error, smoothness, support : (R, C) float64
+        NaN outside the domain, and errors where nothing is measured. Smoothness is the curvature κ of the weights.
+    info : mapping
+        The whole JSON response, with means and extremes.
+    """
+
+    verb: str
+    version: int
+    method: str
+    unit: str
+    across: str
+    up: str
+    held: Mapping[str, float]
+    columns: F64
+    rows: F64
+    error: F64
+    smoothness: F64
+    support: F64
+    info: Json
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from adverb_client.models import (
     KeytimeEvent,
     Pose,
     Poses,
+    QualityMap,
     Sequence,
     SkippedFile,
     Verb,
@@ -32,6 +33,7 @@ __all__ = [
     "pose_of_records",
     "poses",
     "poses_of_records",
+    "quality",
     "sequence",
     "sequence_of_records",
     "verb",
@@ -244,3 +246,22 @@ def _optional(fields: Json, name: str, shape: tuple[int, ...]) -> npt.NDArray[np
 
 def _weights(fields: Json) -> npt.NDArray[np.float64] | None:
     return None if fields.get("weights") is None else np.array(fields["weights"], np.float64)
+
+
+def quality(fields: Json) -> QualityMap:
+    """A map of quality."""
+    return QualityMap(
+        verb=fields["verb"],
+        version=int(fields["version"]),
+        method=fields["method"],
+        unit=fields["unit"],
+        across=fields["across"],
+        up=fields["up"] or "",
+        held=dict(fields["held"]),
+        columns=np.array(fields["columns"], np.float64),
+        rows=np.array(fields["rows"], np.float64),
+        error=np.array(fields["error"], np.float64),
+        smoothness=np.array(fields["smoothness"], np.float64),
+        support=np.array(fields["support"], np.float64),
+        info=fields,
+    )

@@ -8,6 +8,7 @@ from adverb_client.api import Api, Request, Response, error_of
 from adverb_client.authoring_api import AuthoringApi
 from adverb_client.backoff import Backoff
 from adverb_client.errors import TimedOut, TransportError
+from adverb_client.motion_api import MotionApi
 
 __all__ = ["POLL_S", "BaseClient", "auth_headers", "httpx_request", "response_of", "transport_error"]
 
@@ -20,6 +21,7 @@ class BaseClient:
 
     def __init__(self, retries: int, max_wait_s: float) -> None:
         self._api, self._authoring = Api(), AuthoringApi()
+        self._motions = MotionApi(self._api)
         self._retries, self._max_wait_s = retries, max_wait_s
 
     def _wait_s(self, request: Request, response: Response, backoff: Backoff) -> float | None:

@@ -85,6 +85,7 @@ def test_a_refinement_is_followed_to_its_end(client):
     assert ended.state in ("published", "not_better")
     assert seen[-1] == ended
     assert ended in client.refinements("arm3")
+    assert list(client.follow_refinement(job.id))[-1] == ended
     assert client.cancel_refinement(job.id) == ended
     with pytest.raises(errors.UnknownRefinement):
         client.refinement("none")
@@ -112,6 +113,13 @@ def test_a_draft_is_changed_and_published_and_gets_an_example(client, tmp_path):
     with pytest.raises(errors.RevisionChanged):
         client.change_draft(draft.id, revision=draft.revision, description="late")
     assert draft.id in [row.id for row in client.drafts()]
+    goal = {name: value for name, value in draft.clips[0]["adverbs"].items() if value is not None}
+    pose = client.draft_pose(draft.id, goal, phase=0.5)
+    assert (pose.version, pose.rotations.shape[1]) == (changed.revision, 4)
+    motion = client.draft_sequence(draft.id, goal, fps=10)
+    assert len(motion) == len(motion.times_s) > 3
+    assert client.draft_export(draft.id, "npz", goal).startswith(b"PK")
+    assert client.draft_motion(draft.id).startswith(b'{"joints":')
     published = client.publish_draft(draft.id, revision=changed.revision)
     assert published.verb == "drafted"
     assert client.draft(draft.id).revision == changed.revision

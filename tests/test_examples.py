@@ -58,6 +58,14 @@ def test_05_builds_a_verb(tmp_path, capsys):
     assert float(found[1]) < 1e-3
 
 
+def test_07_records_a_stream(address, tmp_path, capsys):
+    run("07_record.py", address, str(tmp_path / "reach.npz"))
+    shown = capsys.readouterr().out
+    assert int(re.search(r"(\d+) frames", shown)[1]) > 20
+    assert float(re.search(r"goal (\S+) mm at the end", shown)[1]) < 30.0
+    assert (tmp_path / "reach.npz").read_bytes().startswith(b"PK")
+
+
 def test_06_refines_a_verb(address, capsys):
     run("06_refine.py", address)
     shown = capsys.readouterr().out

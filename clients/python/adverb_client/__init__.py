@@ -43,6 +43,7 @@ from adverb_client.models import (
     VerbSummary,
 )
 from adverb_client.options import OpenOptions
+from adverb_client.recording import Recorder, Recording
 from adverb_client.session import Stats
 from adverb_client.skeleton import Skeleton
 from adverb_client.stream import Stream
@@ -84,6 +85,8 @@ __all__ = [
     "Poses",
     "QualityMap",
     "Record",
+    "Recorder",
+    "Recording",
     "Refinement",
     "ResponseError",
     "Sample",

@@ -14,7 +14,7 @@ from adverb_client.jitter import JitterBuffer, Sample
 from adverb_client.messages import ChannelOpened
 from adverb_client.options import OpenOptions, checked
 from adverb_client.skeleton import Skeleton, Space
-from adverb_client.wire import encode_adverbs
+from adverb_client.wire import Record, encode_adverbs
 
 __all__ = ["Channel", "Post"]
 
@@ -58,6 +58,7 @@ class Channel:
         self.desired: dict[str, Any] = {**checked(options), "verb": verb}
         self.has_all_adverbs = "adverbs" in self.desired  # otherwise only those that were set
         self.buffer, self.lock = buffer, asyncio.Lock()
+        self.observers: list[Callable[[float, Record], None]] = []  # called with tick time and record
         self.switch: dict[str, Any] | None = None  # sent, without an answer so far
         self.pending_phase: float | None = None  # a phase that was set; the server may not have it
         self._deferred_aim: list[float] | None = None  # goal set during a switch

@@ -245,6 +245,8 @@ class Session:
             if channel is not None and channel.opened is not None:  # else: a record of a closed channel
                 channel.buffer.push(due_s, record, irregular=irregular)
                 channel.pending_phase = None
+                for observer in channel.observers:
+                    observer(due_s, record)
 
     def _text(self, content: str, now_s: float) -> None:
         message = parse_message(content)

@@ -92,14 +92,6 @@ class MotionApi:
         body = yield from self._body(id, adverbs, track, fps, cycles, options)
         return parsing.parse_json((yield from _posted(_draft(id, "sequence"), body, JSON)), parsing.sequence)
 
-    def draft_export(
-        self, id: str, form: str, adverbs: Mapping[str, float] | None, track: Track | None, fps: float, cycles: int,
-        mannequin: bool, options: PoseOptions,
-    ) -> Operation[bytes]:  # fmt: skip
-        """A whole motion of a draft's verb as a file."""
-        body = yield from self._body(id, adverbs, track, fps, cycles, options)
-        return (yield from _file(_draft(id, "sequence"), form, body, mannequin))
-
     def draft_motion(self, id: str) -> Operation[bytes]:
         """Poses of all readable clips of a draft, for display."""
         return (yield from send(Request("GET", _draft(id, "motion"), "*/*"))).content

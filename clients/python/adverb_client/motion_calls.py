@@ -117,21 +117,6 @@ class MotionCalls(ABC):
         """A whole motion of a draft's verb, as of ``sequence`` with ``full``."""
         return self._run(self._motions.draft_sequence(id, adverbs, track, fps, cycles, options))
 
-    def draft_export(
-        self,
-        id: str,
-        form: str,
-        adverbs: Mapping[str, float] | None = None,
-        *,
-        track: Track | None = None,
-        fps: float = 30.0,
-        cycles: int = 1,
-        mannequin: bool = False,
-        **options: Unpack[PoseOptions],
-    ) -> bytes:
-        """A whole motion of a draft's verb as a file; arguments as of ``export``."""
-        return self._run(self._motions.draft_export(id, form, adverbs, track, fps, cycles, mannequin, options))
-
     def draft_motion(self, id: str) -> bytes:
         """Poses of all readable clips of a draft, for display; docs/rest.md has the layout."""
         return self._run(self._motions.draft_motion(id))
@@ -212,21 +197,6 @@ class AsyncMotionCalls(ABC):
     ) -> models.Sequence:
         """As :meth:`MotionCalls.draft_sequence`."""
         return await self._run(self._motions.draft_sequence(id, adverbs, track, fps, cycles, options))
-
-    async def draft_export(
-        self,
-        id: str,
-        form: str,
-        adverbs: Mapping[str, float] | None = None,
-        *,
-        track: Track | None = None,
-        fps: float = 30.0,
-        cycles: int = 1,
-        mannequin: bool = False,
-        **options: Unpack[PoseOptions],
-    ) -> bytes:
-        """As :meth:`MotionCalls.draft_export`."""
-        return await self._run(self._motions.draft_export(id, form, adverbs, track, fps, cycles, mannequin, options))
 
     async def draft_motion(self, id: str) -> bytes:
         """As :meth:`MotionCalls.draft_motion`."""

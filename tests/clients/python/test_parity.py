@@ -21,7 +21,7 @@ AT = {"x": 0.4, "y": 0.3}
 CALLS = {
     "access": (), "activate": ("arm", 2), "add_example": ("arm", b"x"), "artifact": ("arm",), "bvh": ("arm", AT),
     "cancel_refinement": ("r",), "change_draft": ("d",), "changes": (), "create_draft": (b"PK",), "delete": ("arm",),
-    "delete_draft": ("d",), "download": ("arm", 1), "draft": ("d",), "draft_export": ("d", "glb", AT),
+    "delete_draft": ("d",), "download": ("arm", 1), "draft": ("d",),
     "draft_motion": ("d",), "draft_pose": ("d", AT), "draft_sequence": ("d", AT), "drafts": (),
     "export": ("arm", "npz", AT), "follow_refinement": ("r",), "health": (), "live": (), "metrics": (),
     "pose": ("arm", AT), "poses": ("arm", [[0.1, 0.2]]), "publish_draft": ("d",), "quality": ("arm",),

@@ -1,4 +1,4 @@
-"""Drawing for game.py: a camera, and a figure of rounded limbs with soft shading and a shadow. Units are metres."""
+"""Drawing: a camera, and a figure of rounded limbs with soft shading and a shadow. Units are metres."""
 
 from __future__ import annotations
 
@@ -244,24 +244,33 @@ def _capsule(
     pygame.draw.polygon(picture, colour, corners)
 
 
-def draw_goal(picture: pygame.Surface, camera: Camera, goal: F64, colour: Colour) -> None:
-    """Where the hand should be: a ring, a dot, and a line down to the ground."""
-    seen, foot = camera.project(goal), camera.project(goal * [1.0, 0.0, 1.0])
-    x, y, scale = seen.tolist()
-    pygame.draw.aaline(picture, _mix(GRID, colour, 0.5), (x, y), foot[:2].tolist())
-    flat = pygame.Rect(0, 0, 0.10 * foot[2], 0.035 * foot[2])
-    flat.center = (int(foot[0]), int(foot[1]))
-    pygame.draw.ellipse(picture, _mix(GRID, colour, 0.6), flat, 2)
-    place = pygame.Rect(0, 0, int(0.15 * scale), int(0.15 * scale))
+def draw_ball(picture: pygame.Surface, camera: Camera, point: F64, radius_m: float, colour: Colour) -> None:
+    """A ball, in layers from dark edge to light spot."""
+    x, y, scale = camera.project(point).tolist()
+    radius = radius_m * scale
+    for layer in range(LAYERS):
+        share = layer / (LAYERS - 1)
+        centre = (x + TO_LIGHT[0] * radius * share, y + TO_LIGHT[1] * radius * share)
+        pygame.draw.circle(picture, _lit(colour, share), centre, max(radius * (1.0 - 0.86 * share), 1.0))
+
+
+def draw_ball_shadow(picture: pygame.Surface, camera: Camera, point: F64, radius_m: float) -> None:
+    """The shadow of a ball on the ground, fainter the higher it is."""
+    x, y, scale = camera.project(point - LIGHT * (point[1] / LIGHT[1])).tolist()
+    width = max(2.0 * radius_m * scale, 2.0)
+    place = pygame.Rect(0, 0, int(width * 1.2), max(int(width * 0.4), 2))
     place.center = (int(x), int(y))
-    place = place.clip(picture.get_rect())
-    if place.width > 0 and place.height > 0:
-        fine = pygame.transform.scale(picture.subsurface(place), (2 * place.width, 2 * place.height))
-        middle = (2.0 * (x - place.left), 2.0 * (y - place.top))
-        pygame.draw.circle(fine, (20, 22, 30), middle, 0.110 * scale, max(2, int(0.034 * scale)))
-        pygame.draw.circle(fine, colour, middle, 0.104 * scale, max(2, int(0.022 * scale)))
-        pygame.draw.circle(fine, colour, middle, 0.024 * scale)
-        picture.blit(pygame.transform.smoothscale(fine, place.size), place)
+    shade = pygame.Surface(place.size, pygame.SRCALPHA)
+    pygame.draw.ellipse(shade, (10, 12, 18, int(120 / (1.0 + point[1]))), shade.get_rect())
+    picture.blit(shade, place)
+
+
+def draw_ring(picture: pygame.Surface, camera: Camera, point: F64, radius_m: float, colour: Colour) -> None:
+    """A ring around a point, and a line down to the ground."""
+    x, y, scale = camera.project(point).tolist()
+    foot = camera.project(point * [1.0, 0.0, 1.0])
+    pygame.draw.aaline(picture, _mix(GRID, colour, 0.5), (x, y), foot[:2].tolist())
+    pygame.draw.circle(picture, colour, (x, y), radius_m * scale, 2)
 
 
 def _mix(a: tuple[int, ...], b: tuple[int, ...], share: float) -> Colour:

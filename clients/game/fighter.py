@@ -116,7 +116,7 @@ class Fighter:
     def position(self) -> F64:
         """Position (3,) of the root on the ground."""
         root = np.zeros(3) if self.last is None else self.last.root
-        return root * np.array([1.0, 0.0, 1.0])
+        return np.array([root[0], 0.0, root[2]])
 
     @property
     def heading(self) -> float:

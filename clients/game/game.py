@@ -61,7 +61,7 @@ class World:
         return (clock_s if self.since_s is None else min(clock_s, self.since_s)) - self.paused_s
 
     def pause(self, now_s: float) -> bool:
-        """Pause or go on; returns whether the game is paused now."""
+        """Pause or continue; returns whether the game is paused now."""
         if self.since_s is None:
             self.since_s = now_s
             return True

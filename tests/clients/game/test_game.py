@@ -157,9 +157,9 @@ def test_it_stands_alone():
     """It imports pygame, NumPy, the client and its own modules."""
     own = {path.stem for path in GAME.glob("*.py")}
     for path in GAME.glob("*.py"):
-        lines = [
-            line.split()[1].split(".")[0]
-            for line in path.read_text().splitlines()
-            if line.startswith(("from ", "import "))
-        ]
-        assert set(lines) - own - set(sys.stdlib_module_names) <= {"adverb_client", "numpy", "pygame"}, path.name
+        lines = [line.split() for line in path.read_text().splitlines() if line.startswith(("from ", "import "))]
+        assert {words[1].split(".")[0] for words in lines} - own - set(sys.stdlib_module_names) <= {
+            "adverb_client",
+            "numpy",
+            "pygame",
+        }, path.name

@@ -20,7 +20,7 @@ HEALTH = '[[requests]]\nname = "health"\nroute = "health"\nrate = 100\narrivals 
 
 
 @contextmanager
-def serving(respond):
+def stub_server(respond):
     """A server in a thread; ``respond(number)`` is the pause before a response, seconds, and its bytes."""
     seen, loop = Counter(), asyncio.new_event_loop()
 
@@ -72,7 +72,7 @@ def test_a_stall_is_charged_to_every_request_that_was_due():
             return STALL_S, response("{}")
         return 0.0, response("{}")
 
-    with serving(respond) as url:
+    with stub_server(respond) as url:
         found = load(url, HEALTH + "connections = 1\n")["requests"][0]
     assert found["requests"]["scheduled"] == 300  # the schedule does not wait for the server
     assert found["errors"] == {}
@@ -95,7 +95,7 @@ def test_errors_are_counted_by_code():
         kinds = (response("{}"), problem, response("no JSON"), None)
         return 0.0, kinds[number % 4]
 
-    with serving(respond) as url:
+    with stub_server(respond) as url:
         report = load(url, HEALTH, seconds=2.0)
     found = report["requests"][0]
     assert set(found["errors"]) == {"503 overloaded", "connection lost"}
@@ -106,7 +106,7 @@ def test_errors_are_counted_by_code():
 
 
 def test_a_server_that_never_responds_gives_timeouts():
-    with serving(lambda _: (1e3, response("{}"))) as url:
+    with stub_server(lambda _: (1e3, response("{}"))) as url:
         found = load(url, HEALTH + "timeout_s = 0.2\n", seconds=1.0)["requests"][0]
     assert found["errors"] == {"timeout": 100}
     assert found["summary"]["latency_s"]["p50"] >= 0.2
@@ -114,7 +114,7 @@ def test_a_server_that_never_responds_gives_timeouts():
 
 def test_a_slower_run_is_worse_and_the_same_run_is_noise():
     def at(pause_s):
-        with serving(lambda _: (pause_s, response("{}"))) as url:
+        with stub_server(lambda _: (pause_s, response("{}"))) as url:
             return load(url, HEALTH, seconds=5.0)
 
     slow, fast = at(0.25), at(0.0)

@@ -225,8 +225,8 @@ class JitterBuffer:
         """The instant to display, on the server's clock, and its delay."""
         measured = self._lateness.measured()
         if measured is None or self._restart_pending:
-            lag_s, min_transit_s = self._lag_s if self._lag_s is not None else now_s - self._times[0], 0.0
-            return now_s - lag_s, lag_s - min_transit_s
+            lag_s = self._lag_s if self._lag_s is not None else now_s - self._times[0]
+            return now_s - lag_s, self.delay_s  # the clocks are not compared yet
         target_s = measured[0] + self.delay_s
         if self._lag_s is None or abs(target_s - self._lag_s) > SNAP_S:
             self._lag_s = target_s

@@ -301,17 +301,19 @@ class Session:
         if isinstance(rejected.error, ChannelInUse) and channel in self.channels:
             self._in_use(self.channels[channel])
             return
+        known = self.channels.get(channel) if channel is not None else None
+        reopening = known is not None and known.opened is not None and known.number not in self._layouts
+        if known is not None and reopening and isinstance(rejected.error, NotReady):  # also while a `switch` waits
+            known.error = rejected.error
+            self._not_ready.add(known.number)
+            return
         if channel is None and len(self.pending) == 1 and rejected.error.code == "bad_message":
             channel = next(iter(self.pending))  # there is no other request
         if channel is not None and channel in self.pending:
             self._answer(channel, rejected.error)
             return
-        known = self.channels.get(channel) if channel is not None else None
         if known is not None and known.number not in self._layouts:
             known.error = rejected.error
-            if isinstance(rejected.error, NotReady):
-                self._not_ready.add(known.number)
-                return
         self._emit(rejected)
 
     def _is_open(self, number: int) -> bool:

@@ -100,6 +100,21 @@ async def test_settings_of_a_channel_that_waits_for_a_restarted_server_are_no_er
     assert not [event for event in stream.take_events() if isinstance(event, CommandRejected)]
 
 
+async def test_a_switch_of_a_channel_that_waits_for_a_restarted_server_succeeds(stream, fake):
+    channel = await stream.open("reach", adverbs=AT)
+    fake.forget()
+    fake.not_ready = 3
+    await fake.drop()
+    await until(lambda: channel.error is not None)
+    switching = asyncio.create_task(stream.switch(channel, "board"))
+    await until(lambda: len(fake.received("open")) == 5)  # three of them are rejected while the switch waits
+    assert (await switching).verb == "board"
+    count = stream.stats.messages
+    await until(lambda: stream.stats.messages > count + 3)
+    assert fake.received("open")[-1]["verb"] == "board"
+    assert (channel.verb, channel.error) == ("board", None)
+
+
 async def test_the_error_of_an_earlier_setting_is_no_answer_to_open(stream, fake):
     channel = await stream.open("reach", adverbs=AT)
     fake.forget()

@@ -134,7 +134,7 @@ def draw(screen: pygame.Surface, world: World, fighter: Fighter, match: Match, f
     for when_s, point, text, good in match.notes:
         if when_s > shown_s:
             continue  # it is not shown yet
-        rise = np.array([0.0, 0.25 + 0.25 * (shown_s - when_s), 0.0])
+        rise = np.array([0.0, 0.4 + 0.25 * (shown_s - when_s), 0.0])
         words = hud.font_of(24).render(text, True, hud.GOOD if good else hud.BAD)
         screen.blit(words, words.get_rect(center=camera.project(point + rise)[:2].astype(int).tolist()))
     hud.draw_stream(screen, fighter, sample, fps)

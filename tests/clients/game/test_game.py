@@ -2,8 +2,9 @@
 
 import importlib.util
 import math
-import os
 import sys
+import threading
+import time
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -13,11 +14,14 @@ from adverb_client import quat
 from adverb_load.process import serve
 
 from tests.clients.game import GAME
+from tests.clients.proxy import Proxy
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("pygame") is None, reason="pygame-ce is not installed")
 
 PROJECT = Path(__file__).resolve().parents[3]
 START = "from service.cli import main; main()"
+SETTINGS = {"ADVERB_DATA": "", "ADVERB_STREAM_GRACE_S": "0.2"}
+"""A session is soon forgotten, as by a restart of the server."""
 
 
 @pytest.fixture
@@ -38,7 +42,7 @@ def modules(monkeypatch):
 @pytest.fixture(scope="module")
 def address():
     command = [sys.executable, "-c", START, "serve", "--port", "0"]
-    with serve(command, core=None, cwd=PROJECT, environment={**os.environ, "ADVERB_DATA": ""}) as found:
+    with serve(command, core=None, cwd=PROJECT, environment=SETTINGS) as found:
         yield found.base
 
 
@@ -126,6 +130,31 @@ def test_ten_seconds_of_clicks(modules, address, tmp_path):
     assert image.get_size() == modules.game.SIZE
     colours = {tuple(image.get_at((x, y)))[:3] for x in range(300, 900, 5) for y in range(120, 600, 5)}
     assert len(colours) > 200  # a figure is drawn
+
+
+def test_a_lost_session(modules, address, monkeypatch):
+    """The connection is cut for longer than the server keeps the session; later balls are met again."""
+    proxy, cut_at = Proxy(int(address.rpartition(":")[2])), []
+    record = modules.match.Match.record
+
+    def watch(self, ball, result):
+        record(self, ball, result)
+        if not cut_at:
+            cut_at.append(time.monotonic())
+            proxy.accepting = False
+            proxy.cut()
+            threading.Timer(1.5, setattr, (proxy, "accepting", True)).start()
+
+    monkeypatch.setattr(modules.match.Match, "record", watch)
+    try:
+        found = modules.game.main(["--url", proxy.url, "--demo", "--seconds", "17"])
+    finally:
+        proxy.close()
+    assert cut_at
+    assert len(found.results) >= 3
+    later = [result.miss_m for result in found.results[2:] if not math.isnan(result.miss_m)]
+    assert later
+    assert min(later) < modules.fighter.REACH_M
 
 
 def test_keys(modules, monkeypatch):

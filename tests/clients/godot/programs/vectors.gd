@@ -1,0 +1,159 @@
+# Test vectors of the wire and of evaluators: prints what the addon makes of them.
+extends "program.gd"
+
+const Clock = preload("res://addons/adverb/clock.gd")
+const Evaluator = preload("res://addons/adverb/evaluator.gd")
+const Lateness = preload("res://addons/adverb/lateness.gd")
+const Wire = preload("res://addons/adverb/wire.gd")
+
+
+func wire(path):
+	var vectors = read_json(path)
+	return {
+		"poses": decoded(vectors["pose_messages"]),
+		"malformed": problems(vectors["malformed_pose_messages"]),
+		"layouts": layouts(vectors["layouts"]),
+		"one": one(vectors["adverb_messages"]),
+		"many": many(vectors["bulk_adverb_messages"]),
+		"q48": words(vectors["q48"]["decode"]),
+		"q32": words(vectors["q32"]["decode"]),
+		"clocks": clocks(vectors["clocks"]),
+		"lateness": lateness(vectors["jitter"]),
+	}
+
+
+func layouts_of(vector):
+	var found = {}
+	for number in vector["layouts"]:
+		var row = vector["layouts"][number]
+		found[int(number)] = Wire.layout_of(row["encoding"], int(row["joints"]), int(row["record_bytes"]))
+	return found
+
+
+func decoded(vectors):
+	var found = []
+	for vector in vectors:
+		var message = Wire.decode(bytes_of(vector["hex"]), layouts_of(vector))
+		message["time_ns"] = str(message["time_ns"])
+		found.append(message)
+	return found
+
+
+func problems(vectors):
+	var found = []
+	for vector in vectors:
+		found.append(Wire.decode(bytes_of(vector["hex"]), layouts_of(vector))["problem"])
+	return found
+
+
+func layouts(vectors):
+	var found = []
+	for row in vectors:
+		found.append(Wire.layout_of(row["encoding"], int(row["joints"]), int(row["record_bytes"])) != null)
+	return found
+
+
+# Rotations of words, each decoded as a record of one joint.
+func words(vectors):
+	var found = []
+	for row in vectors:
+		var values = []
+		if row.has("word"):
+			Wire._append_q32(values, int(row["word"]))
+		else:
+			var parts = row["words"]
+			Wire._append_q48(values, int(parts[0]), int(parts[1]), int(parts[2]))
+		found.append(values)
+	return found
+
+
+func one(vectors):
+	var found = []
+	for row in vectors:
+		found.append(Wire.encode_adverbs(int(row["channel"]), row["adverbs"]).hex_encode())
+	return found
+
+
+func many(vectors):
+	var found = []
+	for row in vectors:
+		found.append(Wire.encode_bulk_adverbs(row["channels"], row["adverbs"]).hex_encode())
+	return found
+
+
+func clocks(vectors):
+	var found = []
+	for vector in vectors:
+		var clock = Clock.new()
+		for ping in vector["pings"]:
+			clock.add(ping["sent_s"], ping["arrived_s"], int(ping["server_time_ns"]))
+		found.append([clock.offset_s(), clock.round_trip_s()])
+	return found
+
+
+func lateness(vectors):
+	var found = []
+	for vector in vectors:
+		var measure = Lateness.new()
+		for pair in vector["arrived_due_s"]:
+			measure.add(pair[0], pair[1])
+		found.append(measure.measured())
+	return found
+
+
+func evaluate(path, root):
+	var found = []
+	for verb in read_json(path)["verbs"]:
+		var evaluator = Evaluator.new(read_bytes(root + "/" + verb["file"]))
+		var row = {"problem": evaluator.problem, "weights": [], "adverbs": []}
+		for case in verb["weights"]:
+			var pose = evaluator.pose_of(case["weights"], case["phase"])
+			row["weights"].append(at(evaluator, pose, case["weights"], false))
+		for case in verb["adverbs"]:
+			var adverbs = []
+			for adverb in evaluator.facts["adverbs"]:
+				adverbs.append(case["adverbs"][adverb["name"]])
+			var blend = evaluator.weights_at(adverbs, case["method"])
+			var pose = {}
+			if case.has("time"):
+				pose = evaluator.pose_at_time(blend["weights"], case["time"])
+			else:
+				pose = evaluator.pose_of(blend["weights"], case["phase"])
+			row["adverbs"].append(at(evaluator, pose, blend["weights"], blend["clamped"]))
+		found.append(row)
+	return found
+
+
+func at(evaluator, pose, weights, clamped):
+	return {
+		"at": [pose["phase"], pose["time_s"], pose["duration_s"]],
+		"weights": weights,
+		"clamped": clamped,
+		"positions": evaluator.solve(pose["values"])["positions"],
+	}
+
+
+# Problems of damaged files.
+func damage(path):
+	var content = read_bytes(path)
+	var found = []
+	for at in [0, 9, content.size() - 1, 40, 2000]:
+		var damaged = read_bytes(path)
+		damaged[at] = damaged[at] ^ 0x41
+		found.append(Evaluator.new(damaged).problem)
+	for size in [3, 100, content.size() - 8]:
+		found.append(Evaluator.new(content.subarray(0, size - 1)).problem)
+	found.append(Evaluator.new(content).problem)
+	return found
+
+
+# Microseconds per pose of weights.
+func bench(path, rounds):
+	var evaluator = Evaluator.new(read_bytes(path))
+	var weights = []
+	for _k in range(evaluator.facts["examples"].size()):
+		weights.append(1.0 / evaluator.facts["examples"].size())
+	var start = OS.get_ticks_usec()
+	for k in range(rounds):
+		evaluator.solve(evaluator.pose_of(weights, float(k) / rounds)["values"])
+	return (OS.get_ticks_usec() - start) / float(rounds)

@@ -113,11 +113,12 @@ lock: setup  ## resolve the newest allowed versions into the lock files
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group supply -o requirements.supply.lock
 	@$(BIN)/uv pip compile -q --universal --python-version 3.11 --generate-hashes --group fuzz -o requirements.fuzz.lock
 
-generate: setup  ## rewrite generated files: openapi.json, vectors of evaluators, the TypeScript client's types of it, built-in verbs
+generate: setup  ## rewrite generated files: openapi.json, vectors of evaluators, a recorded stream, the TypeScript client's types of it, built-in verbs
 	@$(BIN)/python -m tools.authoring
 	@$(BIN)/python -m tools.authoring.build
 	@$(BIN)/python -m tools.openapi
 	@$(BIN)/python -m tools.evaluator_vectors
+	@$(BIN)/python -m tools.golden_stream
 	@$(BIN)/python -m tools.settings_table
 	@$(if $(HAS_NPM),$(MAKE) -s $(TYPESCRIPT)/node_modules && npm --prefix $(TYPESCRIPT) run --silent types)
 

@@ -14,6 +14,7 @@ static class Program
             case "wire": Print(WireVectors.Run(Read(arguments[1]))); return 0;
             case "jitter": Print(JitterRuns.Run(Read(arguments[1]))); return 0;
             case "evaluate": Print(EvaluatorRuns.Vectors(Read(arguments[1]), arguments[2])); return 0;
+            case "replay": Print(ReplayRuns.Run(arguments[1], Read(arguments[2]), arguments[3])); return 0;
             case "damage": Print(EvaluatorRuns.Damage(arguments[1])); return 0;
             case "server":
                 Print(EvaluatorRuns.Server(arguments[1], int.Parse(arguments[2])).GetAwaiter().GetResult()); return 0;

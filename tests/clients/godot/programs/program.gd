@@ -4,7 +4,7 @@ extends SceneTree
 const Platform = preload("res://addons/adverb/platform.gd")
 
 
-func _init():
+func _initialize():
 	var arguments = JSON.parse(OS.get_environment("ADVERB_PROGRAM")).result
 	emit(callv(arguments[0], arguments[1]))
 	quit()

@@ -57,7 +57,15 @@ class Driver(driver.Driver):
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.settimeout(driver.PATIENCE_S)
         self._connection: socket.socket | None = None
-        content = {"server": server, "verb": verb, "key": "", "options": {}, "timeout": 10.0, "silence": 10.0}
+        content = {
+            "server": server,
+            "verb": verb,
+            "key": "",
+            "options": {},
+            "timeout": 10.0,
+            "silence": 10.0,
+            "patience": 10.0,
+        }
         content |= {"port": self._listener.getsockname()[1], **settings}
         super().__init__(*command(project, content.pop("program", "driver"), content))
 

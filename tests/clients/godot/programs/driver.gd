@@ -23,6 +23,7 @@ func _initialize():
 	_stream = Stream.new(settings["server"], settings["key"])
 	_stream.connect_timeout_s = settings["timeout"]
 	_stream.silence_s = settings["silence"]
+	_stream.hello_timeout_s = settings["patience"]
 	var options = settings["options"]
 	if options.has("fps"):
 		options["fps"] = int(options["fps"])
@@ -67,7 +68,7 @@ func _read_commands():
 	if available > 0:
 		_input += _peer.get_utf8_string(available)
 	while "\n" in _input:
-		var line = _input.get_slice("\n", 0)
+		var line = _input.split("\n", true, 1)[0]
 		_input = _input.substr(line.length() + 1, _input.length())
 		_run(JSON.parse(line).result)
 

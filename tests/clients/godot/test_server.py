@@ -1,0 +1,225 @@
+"""The Godot addon against servers on real sockets, with faults between."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+from contextlib import ExitStack
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from service.catalog.catalog import Catalog, Entry
+from tests.clients.godot.godot import Driver
+from tests.service.stream.conftest import Server
+
+GOAL = {"x": 0.5, "y": 0.2}
+HELD = {"adverbs": GOAL, "play": False, "phase": 0.5, "half_life": 0.0}
+WRONG_KEY = "adv_0123456789abcdef_" + "A" * 43
+
+
+@pytest.fixture
+def drive(project, address):
+    """Starts the driver against a server."""
+    return lambda url=address, verb="arm3", **settings: Driver(project, url, verb, **settings)
+
+
+def near(row, goal, tolerance_m=1e-4):
+    """Whether the hand is on its goal; a paused character follows it."""
+    return np.abs(np.subtract(row["positions"][-3:], (goal["x"], goal["y"], 0.0))).max() < tolerance_m
+
+
+def unused_port():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return free.getsockname()[1]
+
+
+@pytest.mark.parametrize(("encoding", "tolerance_m"), [("f32", 1e-5), ("q48", 2e-4), ("q32", 1e-2)])
+def test_streamed_poses_are_those_of_the_server(drive, all_verbs, encoding, tolerance_m):
+    entry = all_verbs.entries["reach"]
+    at = {"x": -0.3, "y": 1.2, "z": 0.4}
+    options = {"adverbs": at, "play": False, "phase": 0.25, "encoding": encoding, "plant": False, "method": "rbf"}
+    poses = entry.evaluator.pose([at], method="rbf", phase=0.25, plant=False)
+    expected = entry.evaluator.positions(poses)[1][0]
+    with drive(verb="reach", options=options) as driver:
+        row = driver.until("pose", lambda row: row["number"] > 3)
+        found = np.reshape(row["positions"], (-1, 3))
+        assert np.linalg.norm(found - expected, axis=1).max() <= tolerance_m
+        assert driver.stats()["decode_errors"] == 0
+
+
+def test_streamed_weights_sum_to_one(drive):
+    with drive(options={**HELD, "encoding": "weights", "support": True}) as driver:
+        row = driver.until("pose")
+        assert len(row["values"]) == 9
+        assert sum(row["values"]) == pytest.approx(1.0, abs=1e-5)
+        assert 0.0 <= row["support"] <= 1.0
+
+
+def test_a_character_follows_its_goal(drive):
+    with drive(options=HELD) as driver:
+        assert driver.until("opened")["name"] == "arm3"
+        driver.until("pose", lambda row: near(row, GOAL))
+        driver.send("set", adverbs={"y": 0.3})
+        driver.until("pose", lambda row: near(row, {"x": 0.5, "y": 0.3}))
+        driver.send("aim", adverbs=[0.4, 0.1])
+        assert driver.until("aimed")["sent"]
+        driver.until("pose", lambda row: near(row, {"x": 0.4, "y": 0.1}))
+        driver.send("aim", adverbs=[0.4])
+        assert not driver.until("aimed")["sent"]
+        assert driver.stats()["round_trip_s"] < 1.0
+        driver.send("close")
+        assert driver.until("ended")["code"] == "closed"
+
+
+def test_keytimes_and_the_end_are_events(drive):
+    with drive(options={"adverbs": GOAL, "loop": False, "phase": 0.4, "speed": 3.0}) as driver:
+        assert driver.until("keytime")["channel"] == 0
+        assert driver.until("end")["channel"] == 0
+        assert driver.until("pose", lambda row: row["phase"] > 0.999 and row["ended"])
+
+
+def test_a_byte_budget_is_reported(drive):
+    with drive(options={"adverbs": GOAL}) as driver:
+        driver.until("pose")
+        driver.send("view", budget_kbps=50)
+        assert driver.until("stats")["fields"]["budget_kbps"] == 50
+
+
+def test_a_switch_continues_with_another_verb(drive):
+    with drive(verb="reach") as driver:
+        driver.until("pose")
+        driver.send("switch", verb="locomotion")
+        assert driver.until("pose", lambda row: row["verb"] == "locomotion")["values"]
+        driver.send("switch", verb="arm3")
+        assert driver.until("error")["code"] == "skeleton_mismatch"
+        assert driver.until("pose")["verb"] == "locomotion"
+
+
+def test_unknown_names_are_errors(drive):
+    with drive(verb="arm4") as driver:
+        assert driver.until("error")["code"] == "unknown_verb"
+    with drive(options={"adverbs": {"w": 1.0}}) as driver:
+        assert driver.until("error")["code"] == "unknown_adverb"
+    with drive(options=HELD) as driver:
+        driver.until("pose")
+        driver.send("set", fps=500)
+        assert driver.until("error")["code"] in ("out_of_range", "bad_message")
+        driver.until("pose", lambda row: near(row, GOAL))
+
+
+def test_a_server_that_is_down_is_an_error(drive):
+    with drive(f"http://127.0.0.1:{unused_port()}", timeout=1.0) as driver:
+        assert driver.until("ended")["code"] == "offline"
+
+
+def test_a_server_that_does_not_answer_is_an_error(drive):
+    with ExitStack() as stack:
+        silent = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        driver = stack.enter_context(drive(url, timeout=0.5, patience=0.5))
+        assert driver.until("ended")["code"] == "offline"
+
+
+def test_a_wrong_key_is_an_error_and_a_revoked_one_ends_the_stream(drive, guarded):
+    url = f"http://127.0.0.1:{guarded.server.port}"
+    for key in ("", WRONG_KEY, guarded.keys["revoked"]):
+        with drive(url, key=key) as driver:
+            assert driver.until("ended")["code"] == "unauthenticated"
+    with drive(url, key=guarded.keys["refine"]) as driver:
+        assert driver.until("ended")["code"] == "missing_scope"
+    with drive(url, key=guarded.keys["pose"]) as driver:
+        driver.until("pose")
+        guarded.store.revoke(guarded.keys["pose"].split("_")[1])
+        assert driver.until("lost")["close_code"] == 4401
+        assert driver.until("ended")["code"] == "unauthenticated"
+
+
+def test_a_new_version_continues_the_motion(all_verbs, drive):
+    entry = all_verbs.entries["arm3"]
+    server = Server(Catalog(MappingProxyType({"arm3": entry}), ())).start()
+    try:
+        with drive(f"http://127.0.0.1:{server.port}") as driver:
+            assert driver.until("pose")["version"] == 1
+            newer = Catalog(MappingProxyType({"arm3": Entry.of_verb(entry.verb, path=entry.path, version=2)}), ())
+            server.call(server.state.set_catalog, newer)
+            assert driver.until("version")["version"] == 2
+            driver.until("pose", lambda row: row["version"] == 2)
+    finally:
+        server.stop()
+
+
+# --- networks ---
+
+
+def test_a_connection_that_is_cut_is_resumed(proxy, drive):
+    with drive(proxy.url, options=HELD) as driver:
+        driver.until("pose", lambda row: near(row, GOAL))
+        for x in (0.45, 0.4, 0.35):
+            proxy.cut()
+            driver.until("lost")
+            driver.send("set", adverbs={"x": x})
+            assert driver.until("restored")["resumed"]
+            driver.until("pose", lambda row, x=x: near(row, {**GOAL, "x": x}))
+        stats = driver.stats()
+        assert (stats["reconnects"], stats["resumes"], stats["decode_errors"]) == (3, 3, 0)
+
+
+def test_another_server_gets_the_channels_again(server, proxy, drive):
+    other = Server(Catalog(MappingProxyType({"arm3": server.state.current().entries["arm3"]}), ())).start()
+    try:
+        with drive(proxy.url, options=HELD) as driver:
+            driver.until("pose", lambda row: near(row, GOAL))
+            driver.send("aim", adverbs=[0.4, 0.1])
+            driver.until("pose", lambda row: near(row, {"x": 0.4, "y": 0.1}))
+            proxy.target = other.port
+            proxy.cut()
+            assert not driver.until("restored")["resumed"]
+            number = driver.until("pose")["number"]
+            row = driver.until("pose", lambda row: row["number"] > number + 5)
+            assert near(row, {"x": 0.4, "y": 0.1})
+            driver.send("aim", adverbs=[0.5, 0.2])
+            driver.until("pose", lambda row: near(row, GOAL))
+    finally:
+        other.stop()
+
+
+def test_a_server_that_stops_is_announced_and_the_next_one_continues(all_verbs, drive, proxy):
+    catalog = Catalog(MappingProxyType({"arm3": all_verbs.entries["arm3"]}), ())
+    first, second = Server(catalog).start(), Server(catalog).start()
+    try:
+        proxy.target = first.port
+        with drive(proxy.url, options=HELD) as driver:
+            driver.until("pose", lambda row: near(row, GOAL))
+            proxy.target = second.port
+            first.stop()
+            assert driver.until("drain")["detail"]
+            driver.until("lost")
+            driver.until("restored")
+            driver.until("pose", lambda row: near(row, GOAL))
+    finally:
+        second.stop()
+
+
+def test_a_silent_network_is_noticed_and_survived(proxy, drive):
+    with drive(proxy.url, silence=2.5, options={"adverbs": GOAL}) as driver:
+        driver.until("pose")
+        proxy.stall()
+        driver.until("pose", lambda row: row["held"])
+        driver.until("lost")
+        proxy.resume()
+        driver.until("restored")
+        number = driver.until("pose")["number"]
+        driver.until("pose", lambda row: row["number"] > number + 5)
+
+
+def test_on_a_slow_and_unsteady_network_the_phase_never_runs_back(proxy, drive):
+    delays = itertools.cycle([0.0, 0.0, 0.03, 0.0, 0.08, 0.0, 0.0, 0.05])
+    proxy.delay_s = lambda: next(delays)
+    with drive(proxy.url, options={"adverbs": GOAL, "speed": 0.2, "loop": False}) as driver:
+        driver.until("pose")
+        phases = [driver.until("pose")["phase"] for _ in range(100)]
+        assert phases == sorted(phases)
+        assert len(set(phases)) > 50
+        assert driver.until("pose")["delay_s"] > 1 / 60 + 0.01, "the delay does not follow the network"

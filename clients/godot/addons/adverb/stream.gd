@@ -163,7 +163,7 @@ func _poll_check():
 	if not _check.poll():
 		return
 	var status = _check.status
-	var body = Platform.json_value(_check.text())
+	var body = Platform.json_value(_check.text()) if status > 0 else null
 	_check = null
 	var fields = body if typeof(body) == TYPE_DICTIONARY else {}
 	if status == 401 or status == 403:

@@ -31,14 +31,13 @@ func _initialize():
 
 
 func _idle(_delta):
-	if _stream == null:
-		return true
 	_stream.poll()
 	for event in _stream.take_events():
 		_print(event["kind"], event)
 	_read_commands()
 	if _stream.ended.size() > 0:
 		_print("ended", _stream.ended)
+		quit()
 		return true
 	var now_s = Platform.now_s()
 	if now_s >= _pose_at_s:

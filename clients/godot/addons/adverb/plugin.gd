@@ -1,0 +1,3 @@
+# Nothing to set up: the node AdverbFigure registers itself.
+@tool
+extends EditorPlugin

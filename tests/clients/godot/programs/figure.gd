@@ -1,0 +1,71 @@
+# The demo scene against a server: waits until the hand is on the goal, and prints positions of the bones.
+extends SceneTree
+
+const Platform = preload("res://addons/adverb/platform.gd")
+const Rig = preload("res://addons/adverb/rig.gd")
+
+const PATIENCE_S = 30.0
+
+var _settings
+var _scene
+var _figure
+var _poses = 0
+
+
+func _initialize():
+	_settings = JSON.parse(OS.get_environment("ADVERB_PROGRAM")).result
+	_scene = load("res://demo/demo.tscn").instance()
+	_scene.set_script(null)
+	_figure = _scene.get_node("Figure")
+	_figure.server = _settings["server"]
+	_figure.verb = _settings["verb"]
+	_figure.play = false
+	_figure.phase = _settings["phase"]
+	var point = _settings["goal"]
+	_scene.get_node("Goal").transform.origin = Vector3(point[0], point[1], point[2])
+	_figure.transform = Transform(Basis(Vector3(0, 1, 0), 0.5), Vector3(1, 0, 2))
+	_scene.get_node("Goal").transform.origin = _figure.transform * _scene.get_node("Goal").transform.origin
+	if _settings["other"]:
+		_make_other(_figure.get_node("Skeleton"))
+	root.add_child(_scene)
+
+
+func _idle(_delta):
+	OS.delay_msec(2)
+	if _figure.pose != null:
+		_poses += 1
+	var skeleton = _figure.get_node("Skeleton")
+	var bone = skeleton.find_bone(_settings["hand"])
+	var distance = INF
+	if _poses > 0 and bone >= 0:
+		var point = skeleton.global_transform * Platform.bone_position(skeleton, bone)
+		distance = point.distance_to(_scene.get_node("Goal").global_transform.origin)
+	if distance > _settings["tolerance_m"] and OS.get_ticks_msec() < PATIENCE_S * 1000.0:
+		return false
+	var positions = []
+	for k in range(skeleton.get_bone_count()):
+		var point = Platform.bone_position(skeleton, k)
+		positions.append([point.x, point.y, point.z])
+	var values = _figure.pose["values"] if _figure.pose != null else []
+	print("JSON " + Platform.json_text({"distance": distance, "positions": positions, "values": values}))
+	quit()
+	return true
+
+
+# Bones with other names, other axes and 1.5 times the size; the arms hang down.
+func _make_other(skeleton):
+	var verb = _settings["skeleton"]
+	var axes = Basis(Vector3(1, 2, 3).normalized(), 0.8)
+	for joint in range(verb["names"].size()):
+		skeleton.add_bone("rig_" + verb["names"][joint].to_upper())
+		_figure.joint_map[verb["names"][joint]] = "rig_" + verb["names"][joint].to_upper()
+		var parent = int(verb["parents"][joint])
+		var offset = verb["offsets"][joint]
+		var limb = 1.5 * Vector3(offset[0], offset[1], offset[2])
+		if parent < 0:
+			skeleton.set_bone_rest(joint, Transform(axes, Vector3(0, 1.5, 0)))
+			continue
+		skeleton.set_bone_parent(joint, parent)
+		if verb["names"][joint] in _settings["lowered"]:
+			limb = Vector3(0, -limb.length(), 0)
+		skeleton.set_bone_rest(joint, Transform(Basis(), axes.inverse() * limb))

@@ -16,7 +16,7 @@ from pathlib import Path
 __all__ = ["affected", "changed_files", "imported_names"]
 
 ROOT = Path(__file__).parents[1]
-_SOURCE_ROOTS = ("clients/python/", "clients/load/")
+_SOURCE_ROOTS = ("clients/python/", "clients/load/", "clients/blender/")
 """Folders that hold packages besides the repository's root."""
 
 

@@ -73,10 +73,11 @@ $(TYPESCRIPT)/dist: $(TYPESCRIPT)/node_modules $(shell find $(TYPESCRIPT)/src -t
 # Tests of the TypeScript client against a server run the built package.
 PACKAGE := $(if $(HAS_NPM),$(TYPESCRIPT)/dist)
 
-dist: setup $(PACKAGE)  ## build wheels and the npm package: dist
+dist: setup $(PACKAGE)  ## build wheels, the npm package, and archives of the other clients: dist
 	@mkdir -p dist
 	@$(BIN)/pip wheel -q --no-deps -w dist . ./clients/python
 	@$(if $(HAS_NPM),npm pack --silent --ignore-scripts --pack-destination dist ./$(TYPESCRIPT) >/dev/null,echo "dist: without npm, the npm package is left out")
+	@$(BIN)/python -m tools.dist
 	@ls dist
 
 # Readers of glTF and VRM by others, which the tests compare our files with.

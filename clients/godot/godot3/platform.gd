@@ -10,8 +10,8 @@ static func now_s():
 
 # Value of a JSON text; null where it is not valid.
 static func json_value(text):
-	var parsed = JSON.parse(text)
-	return parsed.result if parsed.error == OK else null
+	var parsed = JSON.parse(text) if text != "" else null
+	return parsed.result if parsed != null and parsed.error == OK else null
 
 
 # JSON with all digits of numbers; JSON.print writes six.

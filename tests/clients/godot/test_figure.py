@@ -21,15 +21,18 @@ def show(project, address, all_verbs):
 
     def run(other, hand):
         skeleton = all_verbs.entries["reach"].verb.skeleton
-        joints = {
-            "names": list(skeleton.names),
-            "parents": skeleton.parents.tolist(),
-            "offsets": skeleton.offsets.tolist(),
-        }
+        joints = {"names": skeleton.names, "parents": skeleton.parents.tolist(), "offsets": skeleton.offsets.tolist()}
         settings = {
-            "server": address, "verb": "reach", "phase": 0.4827586206896552, "goal": [(1.5 if other else 1.0) * value for value in GOAL], "hand": hand,
-            "tolerance_m": 0.002, "other": other, "skeleton": joints, "lowered": LOWERED,
-        }  # fmt: skip
+            "server": address,
+            "verb": "reach",
+            "phase": 0.4827586206896552,
+            "goal": [(1.5 if other else 1.0) * value for value in GOAL],
+            "hand": hand,
+            "tolerance_m": 0.002,
+            "other": other,
+            "skeleton": joints,
+            "lowered": LOWERED,
+        }
         line, environment = command(project, "figure", settings)
         done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
         assert "SCRIPT ERROR" not in done.stderr, done.stderr

@@ -7,6 +7,7 @@ extends RefCounted
 const Channel = preload("channel.gd")
 const Clock = preload("clock.gd")
 const Lateness = preload("lateness.gd")
+const Messages = preload("messages.gd")
 const Platform = preload("platform.gd")
 const Wire = preload("wire.gd")
 
@@ -202,9 +203,7 @@ func _restored(now_s, resumed):
 # Apply a text message; returns the problem, empty where it is valid.
 func receive_text(text, now_s):
 	var message = Platform.json_value(text)
-	if typeof(message) != TYPE_DICTIONARY or typeof(message.get("op")) != TYPE_STRING:
-		return _malformed("a text message is not an object with `op`")
-	var problem = _missing(message)
+	var problem = Messages.problem_of(message)
 	if problem != "":
 		return _malformed(problem)
 	if not greeted():
@@ -269,29 +268,6 @@ func _malformed(problem):
 	stats["decode_errors"] += 1
 	stats["last_problem"] = problem
 	return problem
-
-
-# Required fields of messages, by op.
-const FIELDS = {
-	"hello": ["session", "server_time_ns"],
-	"opened": [
-		"channel", "verb", "version", "skeleton", "adverbs", "joints", "encoding", "fps", "looping", "keytimes",
-		"record_bytes", "resumed"
-	],
-	"version": ["channel", "version", "record_bytes"],
-	"events": ["items"],
-	"end": ["channel"],
-	"pong": ["t", "server_time_ns"],
-	"error": ["code", "detail"],
-	"drain": ["detail", "reconnect_after_s"],
-}
-
-
-func _missing(message):
-	for name in FIELDS.get(message["op"], []):
-		if not message.has(name):
-			return "'%s' has no '%s'" % [message["op"], name]
-	return ""
 
 
 func _opened(message):

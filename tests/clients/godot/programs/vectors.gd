@@ -4,6 +4,7 @@ extends "program.gd"
 const Clock = preload("res://addons/adverb/clock.gd")
 const Evaluator = preload("res://addons/adverb/evaluator.gd")
 const Lateness = preload("res://addons/adverb/lateness.gd")
+const Messages = preload("res://addons/adverb/messages.gd")
 const Wire = preload("res://addons/adverb/wire.gd")
 
 
@@ -19,6 +20,8 @@ func wire(path):
 		"q32": words(vectors["q32"]["decode"]),
 		"clocks": clocks(vectors["clocks"]),
 		"lateness": lateness(vectors["jitter"]),
+		"texts": texts(vectors["server_messages"]),
+		"malformed_texts": texts(vectors["malformed_server_messages"]),
 	}
 
 
@@ -50,6 +53,23 @@ func layouts(vectors):
 	var found = []
 	for row in vectors:
 		found.append(Wire.layout_of(row["encoding"], int(row["joints"]), int(row["record_bytes"])) != null)
+	return found
+
+
+# Problems of text messages.
+func texts(vectors):
+	var found = []
+	for vector in vectors:
+		found.append(Messages.problem_of(Platform.json_value(vector["text"])))
+	return found
+
+
+# Whether scripts can be loaded.
+func compiles(paths):
+	var found = []
+	for path in paths:
+		var script = load(path)
+		found.append(script != null and script.can_instance())
 	return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from service.catalog.catalog import Catalog, Entry
-from tests.clients.godot.godot import Driver
+from tests.clients.godot.godot import Driver, run
 from tests.service.stream.conftest import Server
 
 GOAL = {"x": 0.5, "y": 0.2}
@@ -148,6 +148,21 @@ def test_a_new_version_continues_the_motion(all_verbs, drive):
             driver.until("pose", lambda row: row["version"] == 2)
     finally:
         server.stop()
+
+
+def test_poses_and_verb_files_are_read_by_rest(project, address, all_verbs, guarded):
+    found = run(project, "vectors", "rest", address, "", "arm3")
+    assert (found["pose"]["status"], found["pose"]["fields"]["phase"]) == (200, 0.5)
+    size = all_verbs.entries["arm3"].path.stat().st_size
+    assert found["file"] == {"status": 200, "problem": "", "size": size}
+    found = run(project, "vectors", "rest", address, "", "dance")
+    assert (found["pose"]["status"], found["pose"]["fields"]["code"]) == (404, "unknown_verb")
+    url = f"http://127.0.0.1:{guarded.server.port}"
+    assert run(project, "vectors", "rest", url, WRONG_KEY, "arm3")["pose"]["status"] == 401
+    assert run(project, "vectors", "rest", url, guarded.keys["pose"], "arm3")["pose"]["status"] == 200
+    found = run(project, "vectors", "rest", f"http://127.0.0.1:{unused_port()}", "", "arm3")
+    assert found["pose"]["status"] == 0
+    assert found["pose"]["problem"]
 
 
 # --- networks ---

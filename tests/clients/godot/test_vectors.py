@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from textwrap import indent
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from adverb_client import Layout, decode_message
 
+from tests.clients import jitter_plan
 from tests.clients.godot.godot import run
 from tests.golden import make_wire_vectors
 from tools import evaluator_vectors, godot3
@@ -75,6 +77,31 @@ def test_clocks_and_lateness_are_estimated(wire):
     for found, row in zip(wire["lateness"], VECTORS["jitter"], strict=True):
         expected = [row["min_transit_s"], row["lateness_s"]]
         assert found == pytest.approx(expected, abs=VECTORS["tolerances"]["seconds"])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"looping": False}, {"looping": True}, {"looping": True, "weights": True}, {"looping": False, "irregular": True}],
+    ids=["motion", "loop", "weights", "irregular"],
+)
+def test_the_jitter_buffer_displays_what_the_python_client_displays(project, tmp_path, options):
+    plan = jitter_plan.schedule(3, **options)
+    path = tmp_path / "schedule.json"
+    path.write_text(json.dumps(plan))
+    found, expected = run(project, "vectors", "jitter", str(path)), list(jitter_plan.reference(plan))
+    assert sum(sample is not None for sample in expected) > 400
+    assert any(sample.held for sample in expected if sample)
+    for row, sample in zip(found, expected, strict=True):
+        assert (row is None) == (sample is None)
+        if row is None:
+            continue
+        names = ("server_time_s", "phase", "time_s", "duration_s", "delay_s", "extrapolated_s")
+        assert [row[name] for name in names] == pytest.approx([getattr(sample, name) for name in names], abs=1e-9)
+        assert row["error"] == (None if math.isnan(sample.error) else pytest.approx(sample.error, abs=1e-6))
+        for name in ("version", "clamped", "in_transition", "ended", "held"):
+            assert row[name] == getattr(sample, name), name
+        values = sample.weights if sample.root is None else np.append(sample.root, sample.rotations)
+        np.testing.assert_allclose(row["values"], values, atol=1e-6)
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@ extends RefCounted
 
 const Platform = preload("platform.gd")
 
-const TIMEOUT_S = 10.0
-
+# Longest time of the request, s.
+var timeout_s = 10.0
 # Status of the response; 0 where there is none.
 var status = 0
 # Content of the response.
@@ -33,7 +33,7 @@ func start(address, method, path, key, content):
 	if content != "":
 		headers.append("Content-Type: application/json")
 	_request = [HTTPClient.METHOD_POST if method == "POST" else HTTPClient.METHOD_GET, path, headers, content]
-	_end_s = Platform.now_s() + TIMEOUT_S
+	_end_s = Platform.now_s() + timeout_s
 	if Platform.connect_http(_client, host, port, secure) != OK:
 		problem = "the address %s is not valid" % address
 
@@ -41,7 +41,7 @@ func start(address, method, path, key, content):
 # Continue; true where the response is complete, or there is none.
 func poll():
 	if problem == "" and Platform.now_s() > _end_s:
-		problem = "no response within %d s" % TIMEOUT_S
+		problem = "no response within %.1f s" % timeout_s
 	if problem != "":
 		_client.close()
 		return true

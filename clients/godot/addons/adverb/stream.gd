@@ -153,6 +153,7 @@ func _lost(detail, now_s):
 	session.drain_s = 0.0
 	if not greeted or code == REVOKED:
 		_check = Http.new()  # handshakes do not state why they were refused
+		_check.timeout_s = hello_timeout_s
 		_check.start(_address, "GET", "/v1/access", _key, "")
 	else:
 		_give_up(now_s)

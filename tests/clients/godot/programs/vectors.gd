@@ -3,6 +3,8 @@ extends "program.gd"
 
 const Clock = preload("res://addons/adverb/clock.gd")
 const Evaluator = preload("res://addons/adverb/evaluator.gd")
+const Http = preload("res://addons/adverb/http.gd")
+const JitterBuffer = preload("res://addons/adverb/jitter_buffer.gd")
 const Lateness = preload("res://addons/adverb/lateness.gd")
 const Messages = preload("res://addons/adverb/messages.gd")
 const Wire = preload("res://addons/adverb/wire.gd")
@@ -119,6 +121,54 @@ func lateness(vectors):
 			measure.add(pair[0], pair[1])
 		found.append(measure.measured())
 	return found
+
+
+# Poses that the jitter buffer displays of a plan.
+func jitter(path):
+	var plan = read_json(path)
+	var measure = Lateness.new()
+	var buffer = JitterBuffer.new(measure)
+	buffer.interval_s = plan["interval_s"]
+	buffer.looping = plan["looping"]
+	var found = []
+	for step in plan["steps"]:
+		match step["do"]:
+			"push":
+				measure.add(step["arrived"], step["due"])
+				buffer.push(step["due"], record_of(step, plan["weights"]), step["irregular"])
+			"sample":
+				found.append(buffer.sample(step["now"]))
+			"end":
+				buffer.end()
+			"restart":
+				buffer.restart()
+	return found
+
+
+func record_of(step, weights):
+	return {
+		"encoding": Wire.WEIGHTS if weights else Wire.F32, "flags": int(step["flags"]), "version": int(step["version"]),
+		"phase": step["phase"], "time_s": step["time"], "duration_s": step["duration"], "values": step["values"],
+		"error": NAN if step["error"] == null else step["error"]
+	}
+
+
+# A pose and a verb file by REST.
+func rest(address, key, verb):
+	var posed = request(address, "POST", "/v1/verbs/%s/pose" % verb, key, '{"adverbs": {"x": 0.5, "y": 0.2}, "phase": 0.5}')
+	var file = request(address, "GET", "/v1/verbs/%s/artifact" % verb, key, "")
+	return {
+		"pose": {"status": posed.status, "fields": Platform.json_value(posed.text()), "problem": posed.problem},
+		"file": {"status": file.status, "problem": Evaluator.new(file.body).problem, "size": file.body.size()},
+	}
+
+
+func request(address, method, path, key, content):
+	var http = Http.new()
+	http.start(address, method, path, key, content)
+	while not http.poll():
+		OS.delay_msec(2)
+	return http
 
 
 func evaluate(path, root):

@@ -15,7 +15,8 @@ var _poses = 0
 func _initialize():
 	_settings = JSON.parse(OS.get_environment("ADVERB_PROGRAM")).result
 	_scene = load("res://demo/demo.tscn").instance()
-	_scene.set_script(null)
+	if not _settings["demo"]:
+		_scene.set_script(null)
 	_figure = _scene.get_node("Figure")
 	_figure.server = _settings["server"]
 	_figure.verb = _settings["verb"]
@@ -23,7 +24,8 @@ func _initialize():
 	_figure.phase = _settings["phase"]
 	var point = _settings["goal"]
 	_scene.get_node("Goal").transform.origin = Vector3(point[0], point[1], point[2])
-	_figure.transform = Transform(Basis(Vector3(0, 1, 0), 0.5), Vector3(1, 0, 2))
+	if not _settings["demo"]:
+		_figure.transform = Transform(Basis(Vector3(0, 1, 0), 0.5), Vector3(1, 0, 2))
 	_scene.get_node("Goal").transform.origin = _figure.transform * _scene.get_node("Goal").transform.origin
 	if _settings["other"]:
 		_make_other(_figure.get_node("Skeleton"))
@@ -47,7 +49,12 @@ func _idle(_delta):
 		var point = Platform.bone_position(skeleton, k)
 		positions.append([point.x, point.y, point.z])
 	var values = _figure.pose["values"] if _figure.pose != null else []
-	print("JSON " + Platform.json_text({"distance": distance, "positions": positions, "values": values}))
+	var mesh = _scene.get_node("Lines").mesh
+	var lines = mesh.surface_get_array_len(0) if mesh != null else 0
+	print("JSON " + Platform.json_text({
+		"distance": distance, "positions": positions, "values": values, "lines": lines,
+		"goal": _figure.stream.session.channels[_figure.channel]._adverbs
+	}))
 	quit()
 	return true
 

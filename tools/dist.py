@@ -35,12 +35,17 @@ def zip_bytes(files: Mapping[str, bytes]) -> bytes:
 
 def godot() -> dict[str, bytes]:
     """The addon for Godot 4 with its demo."""
-    found = {"addons/adverb/README.md": (CLIENTS / "godot" / "README.md").read_bytes(), **_licence("addons/adverb/")}
+    found = _guide()
     for part in ("addons", "demo"):
         for path in sorted((CLIENTS / "godot" / part).rglob("*")):
             if path.is_file():
                 found[path.relative_to(CLIENTS / "godot").as_posix()] = path.read_bytes()
     return found
+
+
+def _guide() -> dict[str, bytes]:
+    """Guide and licence of the Godot addon."""
+    return {"addons/adverb/README.md": (CLIENTS / "godot" / "README.md").read_bytes(), **_licence("addons/adverb/")}
 
 
 def blender() -> dict[str, bytes]:
@@ -60,7 +65,7 @@ def write(folder: Path) -> None:
     addon3 = {name: content for name, content in godot3.files().items() if name != "project.godot"}
     archives = {
         "adverb-godot4.zip": godot(),
-        "adverb-godot3.zip": {**addon3, **_licence("addons/adverb/")},
+        "adverb-godot3.zip": {**addon3, **_guide()},
         "adverb-blender.zip": blender(),
     }
     for name, files in archives.items():

@@ -39,7 +39,7 @@ func _idle(_delta):
 	var skeleton = _figure.get_node("Skeleton")
 	var bone = skeleton.find_bone(_settings["hand"])
 	var distance = INF
-	if _poses > 0 and bone >= 0:
+	if _poses > 5 and bone >= 0:
 		var point = skeleton.global_transform * Platform.bone_position(skeleton, bone)
 		distance = point.distance_to(_scene.get_node("Goal").global_transform.origin)
 	if distance > _settings["tolerance_m"] and OS.get_ticks_msec() < PATIENCE_S * 1000.0:

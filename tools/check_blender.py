@@ -22,6 +22,7 @@ import adverb_blender
 import bpy
 from adverb_blender import armature, ui
 from adverb_blender import rotations as turns
+from adverb_blender.example import Clip, positions
 from adverb_blender.rest import Server
 
 FPS = 30
@@ -96,6 +97,7 @@ def check_export(settings: Any, adverb: str, folder: Path) -> Json:
     rows = verb["examples"]
     (folder / "verb.toml").write_text(_toml(verb))
     settings.folder, settings.measured, settings.marker = str(folder), "RightHand", 1
+    settings.plant = False  # the built verb has the examples as they are
     for k, row in enumerate(rows):
         settings.goal.location = turns.to_blender([row["adverbs"][name] for name in "xyz"])
         bpy.context.view_layer.update()
@@ -105,14 +107,26 @@ def check_export(settings: Any, adverb: str, folder: Path) -> Json:
         bpy.ops.adverb.export()
     artifact = folder / "reach.verb"
     built = _run(adverb, "build", str(folder), "-o", str(artifact))
-    posed = json.loads(_run(adverb, "pose", str(artifact), "--at", _at(GOAL), "--phase", repr(APEX), "--json"))
+    options = ("--at", _at(GOAL), "--phase", repr(APEX), "--no-plant", "--json")
+    posed, ours = (
+        json.loads(_run(adverb, "pose", str(artifact), *options)),
+        server.pose("reach", GOAL, APEX, plant=False),
+    )
     hand = [posed["measured"][name] for name in "xyz"]
     return {
         "examples": len(rows),
         "warnings": built.count("warning"),
         "hand_mm": distance_mm([hand], [list(GOAL.values())]),
+        "joints_mm": distance_mm(_points(verb, posed), _points(verb, ours)),
         "exported_mm": max(_exported_mm(settings, folder, k, row) for k, row in enumerate(rows[:3])),
     }
+
+
+def _points(verb: Json, pose: Json) -> list[turns.Vector]:
+    """Joint positions of a pose."""
+    skeleton = verb["skeleton"]
+    clip = Clip(skeleton["names"], skeleton["parents"], skeleton["offsets"], FPS, [pose["root"]], [pose["rotations"]])
+    return positions(clip, 0)
 
 
 def check_keys(settings: Any) -> None:
@@ -124,7 +138,7 @@ def check_keys(settings: Any) -> None:
 
 def _exported_mm(settings: Any, folder: Path, k: int, row: Json) -> float:
     """Blender reads an exported file; largest distance from the server's positions, millimetres."""
-    sequence = Server(settings.server).sequence("reach", row["adverbs"], FPS, space="global")
+    sequence = Server(settings.server).sequence("reach", row["adverbs"], FPS, space="global", plant=False)
     return read_mm(folder / f"example_{k:02d}.bvh", sequence, _names(settings))
 
 
@@ -135,9 +149,9 @@ def _names(settings: Any) -> list[str]:
 
 def _toml(verb: Json) -> str:
     adverbs = "".join(f'\n[[adverb]]\nname = "{name}"\nunit = "m"\n' for name in "xyz")
-    names = json.dumps(verb["keytime_names"])
+    names, chart = json.dumps(verb["keytime_names"]), json.dumps(verb["domain"]["chart"])
     head = 'name = "reach"\neffector = "RightHand"\neffector_keytime_index = 1\nmeasure = "joint_position"\n'
-    return f'{head}keytime_names = {names}\nchart = "cylinder"\n\n[units]\nlength = "m"\n{adverbs}'
+    return f'{head}keytime_names = {names}\nchart = {chart}\n\n[units]\nlength = "m"\n{adverbs}'
 
 
 def _at(adverbs: Json) -> str:
@@ -200,6 +214,7 @@ def main() -> None:
         found = check_export(settings, options.adverb, folder)
     print(f"| joints of exported examples, read by Blender, at {TIMES} times | {found['exported_mm']:.4f} |")
     print(f"| the hand of the verb built of {found['examples']} exported examples | {found['hand_mm']:.4f} |")
+    print(f"| all joints of that verb's pose there | {found['joints_mm']:.4f} |")
     print(f"warnings of adverb build: {found['warnings']}")
 
 

@@ -50,13 +50,16 @@ class Server:
         """Description of a verb: adverbs, skeleton, keytime_names, examples and more."""
         return self._json(f"/v1/verbs/{name}")
 
-    def pose(self, verb: str, adverbs: dict[str, float], phase: float) -> Json:
+    def pose(self, verb: str, adverbs: dict[str, float], phase: float, *, plant: bool = True) -> Json:
         """One pose: root (m), rotations x, y, z, w (local), measured, error and more."""
-        return self._json(f"/v1/verbs/{verb}/pose", {"adverbs": adverbs, "phase": phase})
+        return self._json(f"/v1/verbs/{verb}/pose", {"adverbs": adverbs, "phase": phase, "plant": plant})
 
-    def sequence(self, verb: str, adverbs: dict[str, float], fps: float, space: str = "local") -> Json:
+    def sequence(
+        self, verb: str, adverbs: dict[str, float], fps: float, *, space: str = "local", plant: bool = True
+    ) -> Json:
         """A whole motion: times (s), root, rotations; with ``space="global"`` also positions."""
-        return self._json(f"/v1/verbs/{verb}/sequence", {"adverbs": adverbs, "fps": fps, "space": space})
+        body = {"adverbs": adverbs, "fps": fps, "space": space, "plant": plant}
+        return self._json(f"/v1/verbs/{verb}/sequence", body)
 
     def motion_file(self, verb: str, adverbs: dict[str, float], fps: float, media_type: str) -> bytes:
         """A whole motion as a file: ``text/x-bvh`` or ``model/gltf-binary``."""

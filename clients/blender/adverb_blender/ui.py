@@ -30,6 +30,7 @@ class AdverbSettings(bpy.types.PropertyGroup):
     goal: bpy.props.PointerProperty(name="Goal", type=bpy.types.Object)
     adverbs: bpy.props.CollectionProperty(type=AdverbValue)
     phase: bpy.props.FloatProperty(name="Phase", default=0.5, min=0.0, max=1.0)
+    plant: bpy.props.BoolProperty(name="Hold feet", default=True, description="Standing feet stay where they landed")
     folder: bpy.props.StringProperty(name="Source folder", subtype="DIR_PATH")
     example: bpy.props.StringProperty(name="Example", default="example")
     measured: bpy.props.StringProperty(
@@ -160,7 +161,7 @@ class ADVERB_OT_bake(_Call):
         if verb is None or settings.target is None:
             raise ValueError("create an armature first")
         fps = scene.render.fps / scene.render.fps_base
-        sequence = _server().sequence(verb["name"], adverbs_of(settings), fps)
+        sequence = _server().sequence(verb["name"], adverbs_of(settings), fps, plant=settings.plant)
         start = scene.frame_current
         last = armature.bake(settings.target, verb["skeleton"]["names"], sequence, start)
         for marker in sequence["events"]:
@@ -215,6 +216,7 @@ class ADVERB_PT_panel(bpy.types.Panel):
         layout.operator("adverb.live", depress=_live is not None)
         if _live is not None and _live.error is not None:
             layout.label(text=str(_live.error), icon="ERROR")
+        layout.prop(settings, "plant")
         layout.operator("adverb.bake")
         box = layout.box()
         for name in ("folder", "example", "measured", "marker"):

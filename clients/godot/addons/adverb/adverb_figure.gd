@@ -59,8 +59,8 @@ func _process(_delta):
 	var info = stream.session.channels[channel].info
 	if info.size() == 0:
 		return
-	if _rig == null or info["verb"] != _opened:
-		_match(info)
+	if (_rig == null or info["verb"] != _opened) and not _match(info):
+		return
 	_aim(info)
 	pose = stream.sample(channel)
 	if pose != null and pose["values"].size() == 3 + 4 * info["skeleton"]["names"].size():
@@ -93,13 +93,20 @@ func target():
 	return null
 
 
+# Prepare the skeleton for a verb; false where there is none.
 func _match(info):
 	var found = target()
+	if found == null:
+		if _opened == "":
+			push_warning("Adverb: %s has no skeleton" % get_name())
+		_opened = info["verb"]
+		return false
 	if found.get_bone_count() == 0:
 		Rig.build(found, info["skeleton"])
 	_rig = Rig.new(found, info["skeleton"], joint_map)
 	_opened = info["verb"]
 	_aimed = []
+	return true
 
 
 # Send a goal that differs from the last one.

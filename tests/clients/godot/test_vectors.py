@@ -104,6 +104,21 @@ def test_the_jitter_buffer_displays_what_the_python_client_displays(project, tmp
         np.testing.assert_allclose(row["values"], values, atol=1e-6)
 
 
+def test_errors_of_a_server_that_restarts_are_no_answers(project):
+    (opened, *_) = (row["text"] for row in VECTORS["server_messages"] if row["text"].startswith('{"op": "opened"'))
+    found = run(project, "vectors", "session_errors", json.dumps({**json.loads(opened), "channel": 0}))
+    assert found == {
+        "open": ["open"],
+        "channel_in_use": ["close", "open"],
+        "unknown_channel": [],
+        "not_ready": [],
+        "early": [],
+        "retry": ["open"],
+        "opened": [],
+        "events": ["opened"],
+    }
+
+
 @pytest.fixture(scope="module")
 def evaluated(project):
     return run(project, "vectors", "evaluate", str(evaluator_vectors.PATH), str(evaluator_vectors.ROOT))

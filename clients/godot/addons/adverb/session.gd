@@ -282,6 +282,7 @@ func _opened(message):
 	if not channels[number].apply_opened(message):
 		return _malformed("'opened' of channel %d is not valid" % number)
 	_confirmed[number] = true
+	_retry_at_s.erase(number)
 	_emit({
 		"kind": "opened", "channel": number, "name": message["verb"], "version": int(message["version"]),
 		"resumed": message["resumed"]
@@ -314,15 +315,26 @@ func _rejected(message, now_s):
 		_begin(now_s)
 		return
 	var known = channels.has(number)
-	if known and code == "unknown_channel" and not _layouts.has(number):
+	var opened = known and channels[number].is_open() and _layouts.has(number)
+	if known and code == "unknown_channel" and not opened:
 		return  # a setting after an `open` that was rejected
-	if known and code == "not_ready" and not _layouts.has(number):
+	if known and code == "channel_in_use":
+		_in_use(channels[number])
+		return
+	if known and code == "not_ready" and not opened:
 		_retry_at_s[number] = now_s + RETRY_S
 		return
 	if known:
 		channels[number].error = {"code": code, "detail": message["detail"]}
 		channels[number].drop_switch()
 	_emit({"kind": "error", "channel": number, "code": code, "detail": message["detail"]})
+
+
+# An `open` was repeated, of this channel or of a closed one with its number.
+func _in_use(channel):
+	if not channel.is_open():
+		_send({"op": "close", "channel": channel.number})
+		_reopen(channel)
 
 
 func _send(message):

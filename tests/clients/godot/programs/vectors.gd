@@ -7,6 +7,7 @@ const Http = preload("res://addons/adverb/http.gd")
 const JitterBuffer = preload("res://addons/adverb/jitter_buffer.gd")
 const Lateness = preload("res://addons/adverb/lateness.gd")
 const Messages = preload("res://addons/adverb/messages.gd")
+const Session = preload("res://addons/adverb/session.gd")
 const Wire = preload("res://addons/adverb/wire.gd")
 
 
@@ -151,6 +152,38 @@ func record_of(step, weights):
 		"phase": step["phase"], "time_s": step["time"], "duration_s": step["duration"], "values": step["values"],
 		"error": NAN if step["error"] == null else step["error"]
 	}
+
+
+# Messages that a session sends after each error of a server that restarts, and its events.
+func session_errors(opened):
+	var session = Session.new()
+	session.receive_text('{"op": "hello", "session": "a", "server_time_ns": 1}', 0.0)
+	session.open("reach", {})
+	var found = {"open": ops(session)}
+	for code in ["channel_in_use", "unknown_channel", "not_ready"]:
+		session.receive_text('{"op": "error", "channel": 0, "code": "%s", "detail": "d"}' % code, 1.0)
+		found[code] = ops(session)
+	session.retry(1.5)
+	found["early"] = ops(session)
+	session.retry(2.5)
+	found["retry"] = ops(session)
+	session.receive_text('{"op": "error", "channel": 0, "code": "not_ready", "detail": "d"}', 3.0)
+	session.receive_text(opened, 3.0)
+	session.retry(9.0)
+	session.receive_text('{"op": "error", "channel": 0, "code": "channel_in_use", "detail": "d"}', 9.0)
+	found["opened"] = ops(session)
+	found["events"] = []
+	for event in session.events:
+		found["events"].append(event["kind"])
+	return found
+
+
+func ops(session):
+	var found = []
+	for text in session.outbox:
+		found.append(Platform.json_value(text)["op"])
+	session.outbox.clear()
+	return found
 
 
 # A pose and a verb file by REST.

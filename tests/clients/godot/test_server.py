@@ -159,7 +159,7 @@ def test_poses_and_verb_files_are_read_by_rest(project, address, all_verbs, guar
     assert (found["pose"]["status"], found["pose"]["fields"]["code"]) == (404, "unknown_verb")
     url = f"http://127.0.0.1:{guarded.server.port}"
     assert run(project, "vectors", "rest", url, WRONG_KEY, "arm3")["pose"]["status"] == 401
-    assert run(project, "vectors", "rest", url, guarded.keys["pose"], "arm3")["pose"]["status"] == 200
+    assert run(project, "vectors", "rest", url, guarded.keys["admin"], "arm3")["pose"]["status"] == 200
     found = run(project, "vectors", "rest", f"http://127.0.0.1:{unused_port()}", "", "arm3")
     assert found["pose"]["status"] == 0
     assert found["pose"]["problem"]

@@ -40,6 +40,11 @@ class Document:
         self._buffers: dict[int, memoryview] = {}
         self._loaded = 0
 
+    @property
+    def table(self) -> Row:
+        """The whole JSON object."""
+        return self._table
+
     def fail(self, place: str, expected: str, found: str, advice: str = "") -> NoReturn:
         """Raise a :class:`MotionFileError` for a place in the file."""
         raise MotionFileError(self.path, place, expected, found, advice)

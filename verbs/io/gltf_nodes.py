@@ -9,6 +9,7 @@ import numpy as np
 from verbs.conventions import F64, MAX_JOINTS
 from verbs.io.gltf_document import Document, Row, shown
 from verbs.io.report import Note
+from verbs.kernels import quat
 
 __all__ = ["Joints", "Node", "choose_joints", "depth_first", "read_nodes"]
 
@@ -94,20 +95,7 @@ def _decomposed(document: Document, matrix: F64, place: str) -> tuple[F64, F64]:
     if np.abs(pure.T @ pure - np.eye(3)).max() > _SHEAR:
         advice = "apply the transform where the file was made, and export it again"
         document.fail(place, "a matrix without shear", shown(matrix.tolist()), advice)
-    return _from_matrix(pure), scale
-
-
-def _from_matrix(matrix: F64) -> F64:
-    """Unit quaternion of a rotation matrix (3, 3)."""
-    sums = np.array(
-        [
-            [matrix[0, 0] - matrix[1, 1] - matrix[2, 2], 0, 0, 0],
-            [matrix[0, 1] + matrix[1, 0], matrix[1, 1] - matrix[0, 0] - matrix[2, 2], 0, 0],
-            [matrix[0, 2] + matrix[2, 0], matrix[1, 2] + matrix[2, 1], matrix[2, 2] - matrix[0, 0] - matrix[1, 1], 0],
-            [matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1], np.trace(matrix)],
-        ]
-    )
-    return np.asarray(np.linalg.eigh(sums)[1][:, -1])  # the eigenvector of the largest eigenvalue
+    return quat.from_matrix(pure), scale
 
 
 def depth_first(nodes: list[Node], root: int, within: set[int]) -> list[int]:

@@ -17,6 +17,7 @@ __all__ = [
     "conjugate",
     "exp",
     "from_euler",
+    "from_matrix",
     "log",
     "mul",
     "normalize",
@@ -126,6 +127,26 @@ def from_euler(order: str, angles: Floats) -> F64:
         result = rotation if result is None else mul(result, rotation)
     assert result is not None  # an order names at least one axis
     return result
+
+
+def from_matrix(matrices: Floats) -> F64:
+    """Unit quaternions (..., 4) of rotation matrices (..., 3, 3); their scalar part is not negative.
+
+    The eigenvector of the largest eigenvalue: rounding in the matrix does no harm.
+
+    Source: I. Y. Bar-Itzhack, "New Method for Extracting the Quaternion from a Rotation Matrix", 2000.
+    """
+    m = np.asarray(matrices, np.float64)
+    sums = np.empty((*m.shape[:-2], 4, 4))
+    sums[..., :3, :3] = m + np.swapaxes(m, -1, -2)
+    trace = np.trace(m, axis1=-2, axis2=-1)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        sums[..., k, k] -= trace
+        sums[..., k, 3] = sums[..., 3, k] = m[..., j, i] - m[..., i, j]
+    sums[..., 3, 3] = trace
+    found = np.linalg.eigh(sums)[1][..., -1]
+    return np.where(found[..., 3:] < 0, -found, found)
 
 
 def to_matrix(rotations: Floats) -> F64:

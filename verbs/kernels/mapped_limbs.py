@@ -16,15 +16,44 @@ from verbs.kernels.polish import polish
 from verbs.kernels.vectors import arc, inverse, mul, rotate
 
 __all__ = [
-    "ARM", "CHAIN", "EASY", "EASY_LEG", "FOOT_COLUMNS", "FREE", "KNEE", "LEG", "NO_EFFECTOR", "REACHED", "SINK_M",
-    "STRAIGHT", "Driven", "Reach", "Soles", "above_zero", "bend", "carried", "forward", "heights", "lean", "limited",
-    "lowest", "missing_m", "placed", "reach_chain", "shift", "sink", "span", "stretch_of", "within",
+    "ARM",
+    "CHAIN",
+    "EASY",
+    "EASY_LEG",
+    "FOOT_COLUMNS",
+    "FREE",
+    "KNEE",
+    "LEG",
+    "MARGIN",
+    "NO_EFFECTOR",
+    "REACHED",
+    "SINK_M",
+    "STRAIGHT",
+    "Driven",
+    "Reach",
+    "Soles",
+    "above_zero",
+    "bend",
+    "carried",
+    "forward",
+    "heights",
+    "lean",
+    "limited",
+    "lowest",
+    "missing_m",
+    "placed",
+    "reach_chain",
+    "shift",
+    "sink",
+    "span",
+    "stretch_of",
+    "within",
 ]  # fmt: skip
 
 NO_EFFECTOR, ARM, LEG, CHAIN = range(4)
 """What carries the effector: nothing, a limb with a free end, a leg with a foot, or another chain."""
 
-FOOT_COLUMNS = ("above_zero", "height", "plan", "x", "z")
+FOOT_COLUMNS = ("above", "height", "plan", "x", "z")
 """Figures of a foot: height of the source's ball over its standing height; error of the height of the target's lowest
 point, and of its ball's place over the ground, metres; and that place."""
 
@@ -33,6 +62,9 @@ STRAIGHT, EASY_LEG = 0.995, 0.985
 
 EASY, KNEE, REACHED = 0.95, 0.98, 0.9985
 """Shares of an arm's length from which on the trunk helps, beyond which the arm yields, and that it does not exceed."""
+
+MARGIN = 0.01
+"""Share of an arm's length by which it may stretch farther than that of the source before it yields."""
 
 SOFT_M, SINK_M, LOWEST_M = 0.005, 0.003, 0.004
 """Distances within which help for an arm and for a leg begins; width of the smooth minimum of heights."""

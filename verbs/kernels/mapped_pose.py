@@ -25,6 +25,7 @@ from verbs.kernels.mapped_limbs import (
     FREE,
     KNEE,
     LEG,
+    MARGIN,
     NO_EFFECTOR,
     REACHED,
     SINK_M,
@@ -212,7 +213,7 @@ def _one_pose(
             forward(root, local, driven, own, places)
             root[1] -= above_zero(sink(positions, driven, soles, goals, places) - sunk - SINK_M, SINK_M)
             forward(root, local, driven, own, places)
-        wrist = within(places, shoulder, wrist, whole, max(KNEE, share))
+        wrist = within(places, shoulder, wrist, whole, max(KNEE, min(share + MARGIN, REACHED - 1e-3), share))
     for f in range(count):
         foot = get(own, soles.chains[f, last - 2])
         bend(local, soles.chains[f], soles.hinges[f], root, driven.offsets, goals[f], foot, STRAIGHT, pose)

@@ -13,6 +13,7 @@ from verbs.cli.clips import mirror_command, resample_command, trim_command
 from verbs.cli.figures import figures_command
 from verbs.cli.gallery import gallery_command
 from verbs.cli.init import init_command
+from verbs.cli.map import map_command
 from verbs.cli.measure import measure_command
 from verbs.cli.output import err, plain
 from verbs.cli.pose import export_command, pose_command
@@ -39,6 +40,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "suggest": suggest_command,
     "refine": refine_command,
     "export": export_command,
+    "map": map_command,
     "vmc": vmc_command,
     "mirror": mirror_command,
     "trim": trim_command,

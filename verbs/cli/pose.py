@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
+from verbs.cli.map import GoalOption, MapOption, figures_text
 from verbs.cli.options import At, Json, MethodOption, Plant, VerbArgument, open_verb, parse_at
 from verbs.cli.output import err, out, plain, print_json
 from verbs.errors import RequestError
 from verbs.units import quantity
+
+if TYPE_CHECKING:
+    from verbs.motion import Motion
+    from verbs.runtime.evaluate import Evaluator, Poses
 
 __all__ = ["FORMATS", "export_command", "pose_command"]
 
@@ -88,10 +93,13 @@ def export_command(
     mannequin: Annotated[
         bool, typer.Option("--mannequin/--no-mannequin", help="Add a simple body to the skeleton of a glb file.")
     ] = True,
+    target: MapOption = None,
+    mapped_goal: GoalOption = None,
 ) -> None:
     """Write a whole motion to a file in metres: BVH, glTF (glb), VRM animation (vrma), NumPy (npz) or USD.
 
-    A VRM animation needs a humanoid skeleton. USD needs usd-core, which the extra "usd" installs.
+    A VRM animation needs a humanoid skeleton. USD needs usd-core, which the extra "usd" installs. With --map the
+    motion is on another skeleton; a .glb of a .glb or .vrm target is that file with the motion added.
 
     Example: [bold]adverb export reach --at x=-0.3,y=1.2,z=0.4 -o reach.glb[/]
     """
@@ -104,8 +112,37 @@ def export_command(
     evaluator = Evaluator(open_verb(verb))
     goal = parse_at(at)
     poses = sequence.sequence(evaluator, evaluator.adverbs(goal), fps, cycles=cycles, method=method, plant=plant)
-    motion = sequence.to_motion(evaluator, poses, fps)
     name = evaluator.verb.name
     extras = {"verb": name, "adverbs": goal}
-    write_atomically(output, motion_files.dump(motion, chosen, mannequin=mannequin, name=name, extras=extras))
-    err.print(f"{plain(str(output))}: {len(motion)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s")
+    if target is None:
+        if mapped_goal is not None:
+            raise RequestError("--goal is for a motion on another skeleton; give --map too")
+        motion, figures = sequence.to_motion(evaluator, poses, fps), ""
+        content = motion_files.dump(motion, chosen, mannequin=mannequin, name=name, extras=extras)
+    else:
+        motion, content, figures = _mapped(evaluator, poses, fps, (target, mapped_goal), chosen, mannequin, extras)
+    write_atomically(output, content)
+    err.print(
+        f"{plain(str(output))}: {len(motion)} frames at {fps:g} fps, {poses.duration_s[0] * cycles:.2f} s{figures}"
+    )
+
+
+def _mapped(
+    evaluator: Evaluator, poses: Poses, fps: float, target: tuple[str, str | None], form: str, mannequin: bool,
+    extras: dict[str, Any],
+) -> tuple[Motion, bytes, str]:  # fmt: skip
+    """A motion on another skeleton, its file, and its figures as text."""
+    from verbs.io import motion_files
+    from verbs.mapping.embedding import embeddable, embedded
+    from verbs.mapping.mapper import Mapper
+    from verbs.mapping.mapping import open_mapping
+
+    mapping = open_mapping(target[0], goal=target[1])
+    motion, figures = Mapper.of_verb(evaluator, mapping).sequence(evaluator, poses, fps)
+    name = evaluator.verb.name
+    extras = extras | {"map": mapping.rig.name, "figures": figures.as_dict()}
+    if form == "glb" and embeddable(mapping.rig):
+        content = embedded(mapping.rig, motion, name=name, extras=extras)
+    else:
+        content = motion_files.dump(motion, form, mannequin=mannequin, name=name, extras=extras)
+    return motion, content, f"; {figures_text(figures)}"

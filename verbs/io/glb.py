@@ -40,6 +40,14 @@ class GlbBuilder:
         self.table: Row = {"asset": asset | ({"extras": dict(extras)} if extras else {})}
         self._data = bytearray()
 
+    @classmethod
+    def of(cls, table: Row, binary: bytes | None) -> GlbBuilder:
+        """A builder that continues a document with one buffer, its binary chunk."""
+        builder = cls()
+        builder.table = table
+        builder._data = bytearray(binary or b"")
+        return builder
+
     def add(self, kind: str, row: Row) -> int:
         """Append a row to an array of the document, such as ``nodes``; returns its index."""
         rows: list[Row] = self.table.setdefault(kind, [])

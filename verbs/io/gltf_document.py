@@ -45,6 +45,11 @@ class Document:
         """The whole JSON object."""
         return self._table
 
+    @property
+    def binary(self) -> bytes | None:
+        """The binary chunk of a ``.glb`` file; None without one."""
+        return self._binary
+
     def fail(self, place: str, expected: str, found: str, advice: str = "") -> NoReturn:
         """Raise a :class:`MotionFileError` for a place in the file."""
         raise MotionFileError(self.path, place, expected, found, advice)

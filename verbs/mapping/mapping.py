@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping as Table
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +90,7 @@ def open_mapping(target: str, *, goal: str | None = None) -> Mapping:
         found = _read(path)
     else:
         found = Mapping(read_rig(path))
-    return found if goal is None else Mapping(found.rig, found.joints, goal, found.scale, found.travel, found.feet)
+    return found if goal is None else replace(found, goal=goal)
 
 
 def _read(path: Path) -> Mapping:
@@ -113,9 +113,7 @@ def _read(path: Path) -> Mapping:
     rig = _rig(path, table)
     if "height" in ground:
         height = _number(path, "[ground] height", ground["height"])
-        rig = Rig(
-            rig.name, rig.skeleton, rig.rest, rig.reference, rig.origin, height, rig.given, rig.unit, rig.nodes
-        )  # fmt: skip
+        rig = replace(rig, ground=height)
     scale, travel = (
         _scale(path, root.get("scale", "legs"), "legs"),
         _scale(path, root.get("travel", "scaled"), "scaled"),

@@ -46,8 +46,9 @@ class Row:
 def plan(source: Rig, mapping: Mapping) -> list[Row]:
     """Rows of the target joints that move, in their order.
 
-    Bones that both have are paired. Joints of the spine and of the neck are spread over those of the other: one that
-    lies at a third of the way takes the rotation of the source at a third. Without bones, equal names are paired.
+    Bones that both have are paired; fingers that the source lacks move as its middle finger. Joints of the spine and of
+    the neck are spread over those of the other: one that lies at a third of the way takes the rotation of the source at
+    a third. Without bones, equal names are paired.
 
     Raises
     ------
@@ -63,6 +64,7 @@ def plan(source: Rig, mapping: Mapping) -> list[Row]:
             if bone in target.roles.bones:
                 other = target.roles.bones[bone]
                 rows[other] = Row(other, joint, joint, 0.0, bone)
+        rows |= _fingers(source.roles, target.roles)
         rows |= _trunk(source.roles, target.roles)
     else:
         known = {name.lower(): k for k, name in enumerate(target.skeleton.names)}
@@ -83,8 +85,27 @@ def explicit_joints(source: Rig, target: Rig, rows: list[Row]) -> dict[str, str]
     return {
         source.skeleton.names[row.first]: target.skeleton.names[row.target]
         for row in rows
-        if row.bone not in ("spine", "neck")
+        if row.bone not in ("spine", "neck") and not _copied(source, row)
     }
+
+
+def _copied(source: Rig, row: Row) -> bool:
+    """Whether a row moves a bone that the source does not have."""
+    return row.bone != "" and row.bone not in source.roles.bones
+
+
+def _fingers(source: Roles, target: Roles) -> dict[int, Row]:
+    """Rows of fingers that the source does not have: they move as its middle finger."""
+    rows: dict[int, Row] = {}
+    for side in ("left", "right"):
+        for finger in ("Index", "Ring", "Little"):
+            if f"{side}{finger}Proximal" in source.bones:
+                continue
+            for part in ("Proximal", "Intermediate", "Distal"):
+                joint, other = source.bones.get(f"{side}Middle{part}"), target.bones.get(f"{side}{finger}{part}")
+                if joint is not None and other is not None:
+                    rows[other] = Row(other, joint, joint, 0.0, f"{side}{finger}{part}")
+    return rows
 
 
 def _trunk(source: Roles, target: Roles) -> dict[int, Row]:
@@ -123,8 +144,8 @@ def _apply_given(source: Rig, mapping: Mapping, rows: dict[int, Row]) -> None:
             raise UnknownName("joint of the target", other, others)
         pairs[names.index(name)] = others.index(other) if other else -1
     for target, row in list(rows.items()):
-        spread = row.bone in ("spine", "neck")
-        if pairs.get(row.source) == -1 if spread else row.first in pairs:
+        own = row.bone in ("", bones.get(row.first))  # neither spread over the trunk nor a finger as another one
+        if (row.source in pairs and own) or pairs.get(row.source) == -1:
             del rows[target]
     taken: dict[int, str] = {}
     for joint, target in pairs.items():

@@ -5,6 +5,7 @@ Source: Khronos, "glTF 2.0 Specification"; VRM Consortium, "VRMC_vrm-1.0" and "V
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,7 @@ def _of_motion(path: Path) -> Rig:
     frames = motion.rotations[:: max(1, len(motion) // FRAMES)]
     reference = choose_reference(skeleton, roles, [still, *frames])
     rest = still if reference is still else reference
-    return Rig(path.name, skeleton, rest, reference, np.zeros(3))
+    return Rig(path.name, skeleton, rest, reference, np.zeros(3), path=path)
 
 
 def _of_nodes(path: Path) -> Rig:
@@ -102,9 +103,11 @@ def _of_nodes(path: Path) -> Rig:
     poses = (
         [rest] if standing_score(skeleton, roles, rest) >= 0.9 else [rest, *_bind_pose(document, index, parents, rest)]
     )
+    reference = choose_reference(skeleton, roles, poses)
     rig = Rig(
-        path.name, skeleton, rest, choose_reference(skeleton, roles, poses), origin, None, given, "m", joints.nodes
-    )
+        path.name, skeleton, rest, reference, origin, given=given, nodes=joints.nodes, path=path, place=place,
+        turn=turn, size=scale,
+    )  # fmt: skip
     return _grounded(rig)
 
 
@@ -185,7 +188,7 @@ def _grounded(rig: Rig) -> Rig:
     low, size = float(heights.min()), float(np.ptp(heights))
     upright = np.array_equal(rig.reference, rig.rest)
     ground = 0.0 if upright and -0.02 * size <= low <= SOLE_SHARE * size else None
-    return Rig(rig.name, rig.skeleton, rig.rest, rig.reference, rig.origin, ground, rig.given, rig.unit, rig.nodes)
+    return replace(rig, ground=ground)
 
 
 def _likely_unit(rig: Rig) -> str:
@@ -201,7 +204,7 @@ def _scaled(rig: Rig, factor: float, unit: str) -> Rig:
     own = rig.skeleton
     skeleton = Skeleton(own.names, own.parents, own.offsets * factor, own.tip_parents, own.tip_offsets * factor)
     ground = None if rig.ground is None else rig.ground * factor
-    return Rig(rig.name, skeleton, rig.rest, rig.reference, rig.origin * factor, ground, rig.given, unit, rig.nodes)
+    return replace(rig, skeleton=skeleton, origin=rig.origin * factor, ground=ground, unit=unit, metres=factor)
 
 
 def _unique(names: list[str]) -> tuple[str, ...]:

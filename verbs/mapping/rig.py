@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -49,6 +50,12 @@ class Rig:
         Unit of length of the file.
     nodes : tuple of int
         Nodes of the joints in a glTF file.
+    path : Path or None
+        The file.
+    place, turn, size : (3,), (4,) float64, float
+        Transform of the nodes above the joints, in the unit of the file.
+    metres : float
+        Metres per unit.
     """
 
     name: str
@@ -60,6 +67,11 @@ class Rig:
     given: Mapping[str, int] = field(default_factory=dict)
     unit: str = "m"
     nodes: tuple[int, ...] = ()
+    path: Path | None = None
+    place: F64 = field(default_factory=lambda: np.zeros(3))
+    turn: F64 = field(default_factory=lambda: STILL)
+    size: float = 1.0
+    metres: float = 1.0
 
     def __post_init__(self) -> None:
         freeze(self)

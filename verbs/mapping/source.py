@@ -25,7 +25,7 @@ SAMPLES, EXAMPLES = 9, 24
 """Poses of each example, and most examples, from which hinges and standing poses are taken."""
 
 STANDING_PERCENTILE = 5.0
-"""Share of the heights of a point, in percent, below which it stands, where nothing else says so."""
+"""Share of the heights of a point, in percent, below which it stands, where no contacts are known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

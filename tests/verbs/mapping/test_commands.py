@@ -1,0 +1,87 @@
+"""``adverb map`` and ``adverb export --map``."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from tests.strangers.vrm_files import avatar
+from verbs import library
+from verbs.cli import app
+from verbs.errors import RequestError, UnknownName
+from verbs.io import gltf, motion_files
+from verbs.kernels import fk
+from verbs.mapping.presets import preset
+from verbs.mapping.reading import read_rig
+from verbs.motion import Motion
+
+AT = ("--at", "x=-0.3,y=1.2,z=0.4")
+
+
+def call(*arguments: object) -> Result:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def positions(motion: Motion) -> np.ndarray:
+    return fk.forward(motion.root, motion.rotations, motion.skeleton.parents, motion.skeleton.offsets)[1]
+
+
+def test_map_prints_a_table_with_both_figures() -> None:
+    found = call("map", "unreal", "--goals", 2).stdout
+    for word in ("upperarm_l", "LeftArm", "spine_02", "effector to its scaled goal", "slide of standing feet"):
+        assert word in found
+
+
+def test_map_as_json_names_every_joint() -> None:
+    found = json.loads(call("map", "smpl", "--goals", 2, "--goal", "world", "--json").stdout)
+    rows = {row["target"]: row for row in found["joints"]}
+    assert list(rows) == list(preset("smpl").skeleton.names)
+    assert rows["left_wrist"] == {
+        "target": "left_wrist", "bone": "leftHand", "source": "LeftHand", "second": None, "share": 0.0, "how": "bone",
+    }  # fmt: skip
+    assert (found["goal"], found["figures"]["goals"]) == ("world", 2)
+    assert found["figures"]["worst"]["effector_m"] < 0.01
+
+
+def test_a_written_mapping_can_be_given_back(tmp_path: Path) -> None:
+    call("map", "mixamo", "--goals", 0, "-o", tmp_path / "mapping.toml")
+    first = json.loads(call("map", "mixamo", "--goals", 0, "--json").stdout)
+    again = json.loads(call("map", tmp_path / "mapping.toml", "--goals", 0, "--json").stdout)
+    key = [(row["target"], row["source"], row["second"]) for row in first["joints"]]
+    assert key == [(row["target"], row["source"], row["second"]) for row in again["joints"]]
+
+
+@pytest.mark.parametrize("form", ["bvh", "glb", "npz", "vrma"])
+def test_export_writes_a_mapped_motion(tmp_path: Path, form: str) -> None:
+    result = call("export", "reach", *AT, "--map", "vrm", "-o", tmp_path / f"out.{form}")
+    assert "effector 0.0 mm" in " ".join(result.stderr.split())
+    if form != "vrma":
+        motion = motion_files.read(tmp_path / f"out.{form}").motion
+        assert motion.skeleton.names == preset("vrm").skeleton.names
+
+
+def test_export_adds_the_motion_to_the_file_of_the_target(tmp_path: Path) -> None:
+    (tmp_path / "hero.vrm").write_bytes(avatar(library.load("reach").skeleton, scale=1.2, limbs=0.9, turned=True))
+    call("export", "reach", *AT, "--map", tmp_path / "hero.vrm", "-o", tmp_path / "out.glb")
+    call("export", "reach", *AT, "--map", tmp_path / "hero.vrm", "-o", tmp_path / "out.bvh")
+    assert gltf.clip_names(tmp_path / "out.glb") == ("reach",)
+    file, plain = (motion_files.read(tmp_path / f"out.{form}").motion for form in ("glb", "bvh"))
+    assert file.skeleton.names == plain.skeleton.names
+    np.testing.assert_allclose(positions(file), positions(plain), atol=1e-5)
+    rig = read_rig(tmp_path / "out.glb")  # it still rests as it did, and names its bones
+    np.testing.assert_allclose(rig.rest, read_rig(tmp_path / "hero.vrm").rest, atol=1e-9)
+    assert rig.given
+
+
+def test_wrong_targets_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownName, match="robot"):
+        call("export", "reach", *AT, "--map", "robot", "-o", tmp_path / "out.bvh")
+    with pytest.raises(RequestError, match="--map"):
+        call("export", "reach", *AT, "--goal", "world", "-o", tmp_path / "out.bvh")
+    with pytest.raises(RequestError, match="neither bones"):
+        call("map", "vrm", "--verb", "arm3")

@@ -266,6 +266,7 @@ PROBLEMS: dict[str, Problem] = {
         Problem(422, "unknown_joint", "Unknown joint", _UNKNOWN),
         Problem(422, "unknown_method", "Unknown method", _UNKNOWN),
         Problem(422, "unknown_space", "Unknown space", _UNKNOWN),
+        Problem(422, "unknown_map", "Unknown map", _UNKNOWN),
         Problem(422, "out_of_range", "Out of range", "The detail names the number and its bounds."),
         Problem(422, "bad_request", "Bad request", "The detail gives the reason."),
         Problem(404, "unknown_refinement", "Unknown refinement", "GET /v1/refinements lists the existing ones."),

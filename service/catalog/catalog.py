@@ -16,6 +16,7 @@ from verbs import Characters, library
 from verbs.conventions import I64
 from verbs.errors import RequestError, UnknownName
 from verbs.io import artifact
+from verbs.mapping.mapper import Mapper
 from verbs.runtime import describe, sequence
 from verbs.runtime.evaluate import Evaluator
 from verbs.verb import Verb
@@ -48,6 +49,8 @@ class Entry:
         Durations of the shortest and the longest example, seconds.
     methods : tuple of str
         Methods of the verb.
+    mappers : dict
+        By name and goal: mappings to other skeletons that were requested.
     """
 
     verb: Verb = field(repr=False)
@@ -58,6 +61,7 @@ class Entry:
     etag: str
     span_s: tuple[float, float]
     methods: tuple[str, ...]
+    mappers: dict[tuple[str, str], Mapper] = field(default_factory=dict, repr=False)
     _subsets: dict[tuple[str, ...], I64] = field(default_factory=dict, repr=False)
 
     @classmethod

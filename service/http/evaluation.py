@@ -11,6 +11,7 @@ import numpy as np
 from service import wire
 from service.catalog.catalog import Entry
 from service.errors import BadBody, BatchTooLarge
+from service.http.mapped import COST_US, PREPARE_US, mapped_poses, prepared
 from service.http.request_models import BatchRequest, Options, PoseRequest, SequenceRequest
 from service.http.response_json import Evaluated, Motion
 from service.state import ServerState
@@ -53,13 +54,15 @@ async def pose(
     Poses of verbs that are not served are not ``counted``.
     """
     entry.check(method=request.method)
-    evaluator, joints = entry.evaluator, entry.joints(request.joints)
+    evaluator, joints = entry.evaluator, None if request.map else entry.joints(request.joints)
 
     def work() -> Evaluated:
         instant: dict[str, Any] = {"phase": request.phase, "time_s": request.time, "plant": request.plant}
         if request.max_error is None:
             found = evaluator.pose(request.adverbs, method=request.method, **instant)
             shares = evaluator.support(found.blend) if support else None
+            if request.map:
+                return _on_target(entry, found, request, shares)
             return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), shares)
         met = error_bound.escalate(
             evaluator, evaluator.adverbs(request.adverbs), request.max_error, method=request.method
@@ -68,11 +71,15 @@ async def pose(
         if met.rotation_vectors is not None:
             found = error_bound.apply_polish(evaluator, found, met.rotation_vectors)
         shares = evaluator.support(found.blend) if support else None
+        if request.map:
+            return _on_target(entry, found, request, shares, met.tried)
         return Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), shares, met.tried)
 
     cost = 0.0
     if entry.verb.looping:
         cost = entry.cost_us(1, request.phase or (request.time or 0.0) / entry.shortest_s)
+    if request.map:
+        cost += COST_US if prepared(entry, request) else PREPARE_US
     found = await state.pool.run(cost, work)
     if counted:
         state.metrics.count_poses(entry, found.poses.blend, 1)
@@ -115,17 +122,22 @@ async def poses(state: ServerState, entry: Entry, batch: Batch, *, support: bool
     """Evaluate a batch in one call of the library; a long one runs in a thread."""
     options, evaluator = batch.options, entry.evaluator
     entry.check(method=options.method)
-    joints = entry.joints(options.joints)
+    joints = None if options.map else entry.joints(options.joints)
     named = isinstance(batch.adverbs, list)
 
     def work() -> Evaluated:
         instant: dict[str, Any] = {"time_s" if batch.given_time else "phase": batch.at}
         found = evaluator.pose(batch.adverbs, method=options.method, plant=options.plant, **instant)
         shares = evaluator.support(found.blend) if support else None
+        if options.map:
+            return _on_target(entry, found, options, shares)
         return Evaluated(found, *describe.in_space(evaluator, found, options.space, joints), shares)
 
     cycles = _cycles(entry, batch)
-    found = await state.pool.run(entry.cost_us(len(batch.at), cycles) + 4.0 * len(batch.at) * named, work)
+    cost = entry.cost_us(len(batch.at), cycles) + 4.0 * len(batch.at) * named
+    if options.map:
+        cost += COST_US * len(batch.at) if prepared(entry, options) else PREPARE_US
+    found = await state.pool.run(cost, work)
     state.metrics.count_poses(entry, found.poses.blend, len(batch.at))
     return found
 
@@ -135,22 +147,37 @@ async def sequence(
 ) -> Motion:
     """Evaluate a whole motion; a long one runs in a thread. ``counted`` as of :func:`pose`."""
     entry.check(method=request.method)
-    evaluator, joints = entry.evaluator, entry.joints(request.joints)
+    evaluator, joints = entry.evaluator, None if request.map else entry.joints(request.joints)
     limit = state.settings.max_sequence_frames
 
     def work() -> Motion:
         found = _frames(entry, request, limit)
         shares = evaluator.support(found.blend) if support else None
-        shown = Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), shares)
+        if request.map:
+            shown = _on_target(entry, found, request, shares, fps=request.fps)
+        else:
+            shown = Evaluated(found, *describe.in_space(evaluator, found, request.space, joints), shares)
         whole = float(found.duration_s[0]) * request.cycles if request.adverbs is not None else float(found.time_s[-1])
         events = sequences.events(evaluator, found)
         return Motion(shown, request.fps, whole, events, tracked=request.track is not None)
 
     frames = request.fps * entry.longest_s * request.cycles * (1 if request.track is None else 3)
-    motion = await state.pool.run(entry.cost_us(int(frames), float(request.cycles)), work)
+    cost = entry.cost_us(int(frames), float(request.cycles))
+    if request.map:
+        cost += COST_US * frames if prepared(entry, request) else PREPARE_US
+    motion = await state.pool.run(cost, work)
     if counted:
         state.metrics.count_poses(entry, motion.frames.poses.blend, len(motion.frames.rotations))
     return motion
+
+
+def _on_target(
+    entry: Entry, found: Poses, options: Options, support: F64 | None, tried: tuple[str, ...] = (), *,
+    fps: float | None = None,
+) -> Evaluated:  # fmt: skip
+    """Poses on the skeleton that a request names."""
+    shown = mapped_poses(entry, found, options, fps=fps)
+    return Evaluated(shown.poses, shown.rotations, shown.positions, support, tried, shown)
 
 
 async def records(state: ServerState, entry: Entry, found: Evaluated, *, crowd: bool) -> bytes:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, NotRequired, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator, with_config
 from typing_extensions import TypedDict
 
-from service.fields import STRICT, Name, Space
+from service.fields import STRICT, MapGoal, Name, Space
 from verbs.conventions import MAX_ADVERBS, MAX_JOINTS
 from verbs.runtime.sequence import MAX_CYCLES, MAX_FPS
 
@@ -75,6 +75,19 @@ class Options(Body):
             "The effector stays on its goal."
         ),
     ] = True
+    map: Annotated[
+        Name | None,
+        Field(
+            description="Skeleton of the answer, instead of the verb's: `vrm` (also Unity's humanoid), `unreal`, "
+            "`mixamo` or `smpl`. `joints` are then those of that skeleton; the object `map` of the response names them."
+        ),
+    ] = None
+    map_goal: Annotated[
+        MapGoal,
+        Field(
+            description="With `map`: where the effector's goal is: `scaled` with the body, or where it is for the verb."
+        ),
+    ] = "scaled"
     support: Annotated[
         bool, Field(description="Whether binary records have the support in their flags. JSON always has it.")
     ] = False

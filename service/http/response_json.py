@@ -11,6 +11,7 @@ import numpy.typing as npt
 import orjson
 
 from service.catalog.catalog import Entry
+from service.http.mapped import Shown
 from verbs.conventions import F64
 from verbs.runtime import describe, sequence
 from verbs.runtime.evaluate import Poses
@@ -37,6 +38,8 @@ class Evaluated:
         Support of the blend by the examples; None where the answer is binary.
     tried : tuple of str
         With an error bound: the methods that were tried, in order.
+    shown : Shown or None
+        The poses on another skeleton, if requested; the other fields are then those of it.
     """
 
     poses: Poses
@@ -44,6 +47,7 @@ class Evaluated:
     positions: F32 | None
     support: F64 | None
     tried: tuple[str, ...] = ()
+    shown: Shown | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +76,7 @@ def _dump(value: Any) -> bytes:
 
 
 def _fields(entry: Entry, found: Evaluated, index: int, *, weights: bool) -> dict[str, Any]:
-    return describe.pose_fields(
+    record = describe.pose_fields(
         entry.evaluator,
         found.poses,
         index,
@@ -82,6 +86,9 @@ def _fields(entry: Entry, found: Evaluated, index: int, *, weights: bool) -> dic
         version=entry.version,
         weights=weights,
     )
+    if found.shown is not None:
+        record["figures"] = found.shown.figures[index].as_dict()
+    return record
 
 
 def single_json(entry: Entry, found: Evaluated, *, weights: bool, max_error: float | None) -> bytes:
@@ -91,12 +98,16 @@ def single_json(entry: Entry, found: Evaluated, *, weights: bool, max_error: flo
         error = record["error"]
         record["met"] = None if error is None else error <= max_error
         record["tried"] = list(found.tried)
+    if found.shown is not None:
+        record["map"] = found.shown.head
     return _dump(record)
 
 
 def poses_json(entry: Entry, found: Evaluated, *, weights: bool) -> Iterator[bytes]:
     """JSON of a batch of poses, in slices."""
-    head = {"verb": entry.verb.name, "version": entry.version, "method": found.poses.blend.method}
+    head: dict[str, Any] = {"verb": entry.verb.name, "version": entry.version, "method": found.poses.blend.method}
+    if found.shown is not None:
+        head["map"] = found.shown.head
     size, step = len(found.rotations), _rows_per_slice(found)
     before = _dump(head)[:-1] + b',"poses":['
     for start in range(0, size, step):
@@ -156,6 +167,8 @@ def _sequence_head(entry: Entry, motion: Motion, *, weights: bool) -> dict[str, 
             head["supports"] = support
     if weights:
         head["weights"] = blend.weights
+    if (shown := motion.frames.shown) is not None:
+        head |= {"map": shown.head, "figures": shown.figures[0].as_dict()}
     return head
 
 

@@ -230,6 +230,33 @@ class QualityAnswer(BaseModel):
     support_min: float | None
 
 
+class MapAnswer(BaseModel):
+    """The skeleton that was requested with `map`."""
+
+    name: str
+    goal: Annotated[str, Field(description="`scaled` or `world`.")]
+    scale: Annotated[float, Field(description="Lengths of the skeleton per length of the verb's.")]
+    joints: Annotated[list[str], Field(description="Names of the joints, in the order of `rotations`.")]
+
+
+class FiguresAnswer(BaseModel):
+    """How well the mapping keeps effector and feet; null where there is nothing to keep."""
+
+    effector_m: Annotated[
+        float | None, Field(description="Distance of the effector from its goal at its keytime, metres.")
+    ]
+    foot_height_m: Annotated[
+        float | None, Field(description="Largest distance of a standing foot from the ground, metres.")
+    ]
+    foot_slide_m: Annotated[
+        float | None, Field(description="Largest distance of a standing foot from its place over the ground, metres.")
+    ]
+
+
+_Map = Annotated[MapAnswer | None, Field(description="If a map was requested.")]
+_Figures = Annotated[FiguresAnswer | None, Field(description="If a map was requested.")]
+
+
 class PoseAnswer(BaseModel):
     """One pose and its error."""
 
@@ -258,6 +285,8 @@ class PoseAnswer(BaseModel):
     weights: Annotated[
         list[float] | None, Field(description="Weights of the examples, if requested; their sum is 1.")
     ] = None
+    map: _Map = None
+    figures: _Figures = None
 
 
 class PosesAnswer(BaseModel):
@@ -266,6 +295,7 @@ class PosesAnswer(BaseModel):
     verb: str
     version: int
     method: str
+    map: _Map = None
     poses: list[PoseAnswer]
 
 
@@ -295,6 +325,8 @@ class SequenceAnswer(BaseModel):
     weights: Annotated[
         list[list[float]] | None, Field(description="If requested: one row, or with a track one for each frame.")
     ] = None
+    map: _Map = None
+    figures: _Figures = None
     events: Annotated[list[_Event], Field(description="Keytimes within the motion, by name.")]
     times: list[float]
     phases: list[float]

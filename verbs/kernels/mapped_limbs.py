@@ -53,9 +53,9 @@ __all__ = [
 NO_EFFECTOR, ARM, LEG, CHAIN = range(4)
 """What carries the effector: nothing, a limb with a free end, a leg with a foot, or another chain."""
 
-FOOT_COLUMNS = ("above", "height", "plan", "x", "z")
+FOOT_COLUMNS = ("above", "height", "plan", "x", "z", "clearance")
 """Figures of a foot: height of the source's ball over its standing height; error of the height of the target's lowest
-point, and of its ball's place over the ground, metres; and that place."""
+point, and of its ball's place over the ground, metres; that place; and height of the source's lowest point."""
 
 STRAIGHT, EASY_LEG = 0.995, 0.985
 """Shares of its length up to which a leg stretches freely, and from which on the pelvis sinks for it."""

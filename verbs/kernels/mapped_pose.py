@@ -105,7 +105,7 @@ def _pelvis(positions: F64, driven: Driven, own: F64, root: F64) -> None:
 def _foot_goal(
     globals_: F64, positions: F64, driven: Driven, soles: Soles, f: int, own: F64, scratch: F64, out: F64
 ) -> None:
-    """Place of an ankle (3), clearance of the source's foot, place (3) of the ball, and height of the source's ball."""
+    """Place of an ankle (3), clearance of a foot, place (3) of its ball, and height of the source's ball."""
     ankle, toe = soles.joints[f, 2], soles.joints[f, 3]
     last = soles.chains.shape[1]
     mine, my_toe = soles.chains[f, last - 2], soles.chains[f, last - 1]
@@ -248,7 +248,7 @@ def _foot_figures(
         scratch,
     )
     ball = carried(places, own, mine, soles.own_points[f, 1])
-    out[0] = goal[7]
+    out[0], out[5] = goal[7], goal[3]
     out[1] = lowest(scratch, soles.known[f]) - driven.scale[1] * goal[3]
     out[2] = np.sqrt((ball[0] - goal[4]) ** 2 + (ball[2] - goal[6]) ** 2)
     out[3], out[4] = ball[0], ball[2]
@@ -276,7 +276,7 @@ def map_poses(
         Written: its local rotations.
     effector : (B,) float64
         Written: distance of the effector from its goal, metres; NaN without one.
-    figures : (B, F, 5) float64
+    figures : (B, F, 6) float64
         Written: columns of :data:`FOOT_COLUMNS`.
     """
     count, feet = driven.first.shape[0], soles.joints.shape[0]

@@ -23,8 +23,9 @@ __all__ = ["Figures", "Mapped", "Mapper"]
 
 _map_poses = direct(map_poses)
 
-PLANTED_M, PLANTED_MPS = 0.005, 0.1
-"""A foot stands where the source's ball is not higher above its standing height, and slower over the ground."""
+PLANTED_M, BALL_M, PLANTED_MPS = 0.012, 0.015, 0.1
+"""A foot stands where neither the source's lowest point nor its ball is higher above its standing height, and where the
+ball is slower over the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ class Mapped:
         Local ones.
     effector : (B,) float64
         Distance of the effector from its goal in each pose; NaN without one.
-    feet : (B, F, 5) float64
+    feet : (B, F, 6) float64
         Columns of :data:`verbs.kernels.mapped_limbs.FOOT_COLUMNS`.
     """
 
@@ -111,10 +112,14 @@ class Mapper:
     def sequence(self, evaluator: Evaluator, poses: Poses, fps: float) -> tuple[Motion, Figures]:
         """A whole motion of the verb on the target, with its figures."""
         found = self.poses(poses)
+        figures = self.motion_figures(evaluator, poses, found, fps)
+        return Motion(self.skeleton, fps, found.root, found.rotations), figures
+
+    def motion_figures(self, evaluator: Evaluator, poses: Poses, found: Mapped, fps: float) -> Figures:
+        """Figures of the frames of one motion; along a track the largest."""
         height, slide = sliding(found.feet, fps, self.tables.scale)
         effector = self.effector_distances(evaluator, poses.blend)
-        reached = None if effector is None else float(effector.max())
-        return Motion(self.skeleton, fps, found.root, found.rotations), Figures(reached, height, slide)
+        return Figures(None if effector is None else float(effector.max()), height, slide)
 
     def effector_distances(self, evaluator: Evaluator, blend: Blend) -> F64 | None:
         """Distance (B,) of the effector from its goal at its keytime; None without an effector."""
@@ -128,7 +133,7 @@ class Mapper:
         reached = self.effector_distances(evaluator, poses.blend)
         rows = []
         for k, feet in enumerate(found.feet):
-            stands = feet[:, 0] <= PLANTED_M
+            stands = feet[:, 5] <= PLANTED_M
             height = float(np.abs(feet[stands, 1]).max()) if stands.any() else None
             slide = float(feet[stands, 2].max()) if stands.any() else None
             at = None if reached is None else float(reached[k if len(reached) > 1 else 0])
@@ -158,7 +163,7 @@ def sliding(feet: F64, fps: float, scale: float) -> tuple[float | None, float | 
 
     Parameters
     ----------
-    feet : (F, n, 5) float64
+    feet : (F, n, 6) float64
     fps, scale : float
         Rate, and lengths of the target per length of the source.
     """
@@ -166,7 +171,7 @@ def sliding(feet: F64, fps: float, scale: float) -> tuple[float | None, float | 
     for f in range(feet.shape[1]):
         place = feet[:, f, 3:5]
         speed = np.linalg.norm(np.gradient(place, axis=0), axis=1) * fps / scale if len(place) > 1 else np.zeros(1)
-        stands = (feet[:, f, 0] <= PLANTED_M) & (speed <= PLANTED_MPS)
+        stands = (feet[:, f, 5] <= PLANTED_M) & (feet[:, f, 0] <= BALL_M) & (speed <= PLANTED_MPS)
         edges = np.diff(np.concatenate([[0], stands.astype(np.int64), [0]]))
         for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
             heights.append(float(np.abs(feet[first:last, f, 1]).max()))

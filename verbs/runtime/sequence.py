@@ -19,6 +19,7 @@ from verbs.kernels.legs import COMMAND, plant_poses
 from verbs.kernels.timewarp import Clock
 from verbs.motion import Motion
 from verbs.runtime.evaluate import Blend, Evaluator, Poses, blend_poses
+from verbs.skeleton import Skeleton
 
 __all__ = ["MAX_CYCLES", "MAX_FPS", "Event", "events", "sequence", "to_motion", "tracked"]
 
@@ -162,9 +163,9 @@ def events(evaluator: Evaluator, poses: Poses) -> list[Event]:
     return [Event(name, phase, time) for (name, phase), time in zip(marks, times.tolist(), strict=True)]
 
 
-def to_motion(evaluator: Evaluator, poses: Poses, fps: float) -> Motion:
-    """A sequence as a motion, its root's travel included."""
-    return Motion(evaluator.verb.skeleton, fps, poses.root, poses.rotations)
+def to_motion(evaluator: Evaluator, poses: Poses, fps: float, *, skeleton: Skeleton | None = None) -> Motion:
+    """A sequence as a motion, its root's travel included; ``skeleton`` is that of poses on another one."""
+    return Motion(skeleton or evaluator.verb.skeleton, fps, poses.root, poses.rotations)
 
 
 def _check_rate(evaluator: Evaluator, fps: float, cycles: int) -> None:

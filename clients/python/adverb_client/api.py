@@ -63,6 +63,11 @@ class PoseOptions(TypedDict, total=False):
         Whether to return the examples' weights; implies ``full``.
     plant : bool
         Whether standing feet are held where they landed; true where omitted.
+    map : str
+        Skeleton of the answer instead of the verb's: ``vrm``, ``unreal``, ``mixamo`` or ``smpl``; implies ``full``.
+        ``joints`` are then its joints.
+    map_goal : str
+        With ``map``: ``scaled`` (the effector's goal, scaled with the body) or ``world``.
     support : bool
         Whether to return the support by the examples, in steps of 1/14; full responses always have it, exactly.
     full : bool
@@ -75,6 +80,8 @@ class PoseOptions(TypedDict, total=False):
     version: int
     weights: bool
     plant: bool
+    map: str
+    map_goal: Literal["scaled", "world"]
     support: bool
     full: bool
 
@@ -324,7 +331,7 @@ def body_of(options: PoseOptions) -> tuple[dict[str, Any], bool]:
     for name in ("plant", "support"):
         if name in body:
             body[name] = bool(body[name])
-    return body, full or "weights" in body
+    return body, full or "weights" in body or "map" in body
 
 
 def _get(path: str, headers: Mapping[str, str] | None = None) -> Operation[Response]:

@@ -15,6 +15,7 @@
         │   ├── UnknownJoint
         │   ├── UnknownMethod
         │   ├── UnknownSpace
+        │   ├── UnknownMap
         │   ├── UnknownRefinement
         │   └── UnknownDraft
         ├── BadRequest
@@ -118,6 +119,7 @@ __all__ = [
     "UnknownDraft",
     "UnknownHost",
     "UnknownJoint",
+    "UnknownMap",
     "UnknownMethod",
     "UnknownName",
     "UnknownRefinement",
@@ -314,6 +316,12 @@ class UnknownSpace(UnknownName):
     """The space does not exist."""
 
     code = "unknown_space"
+
+
+class UnknownMap(UnknownName):
+    """The server has no skeleton of this name to map to."""
+
+    code = "unknown_map"
 
 
 class UnknownRefinement(UnknownName):

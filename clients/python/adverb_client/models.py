@@ -16,6 +16,7 @@ __all__ = [
     "Example",
     "Health",
     "KeytimeEvent",
+    "Mapped",
     "Pose",
     "Poses",
     "QualityMap",
@@ -105,6 +106,32 @@ class Verb:
     info: Json
 
 
+@dataclass(frozen=True, slots=True)
+class Mapped:
+    """The skeleton of a mapped answer, and how well it keeps effector and feet.
+
+    Parameters
+    ----------
+    name, goal : str
+        As requested.
+    scale : float
+        Lengths of the skeleton per length of the verb's.
+    joints : tuple of str
+        Names of the joints, in the order of the rotations.
+    effector_m, foot_height_m, foot_slide_m : float or None
+        Distance of the effector from its goal at its keytime; largest distance of a standing foot from the ground, and
+        from its place over the ground; metres. None where there is none.
+    """
+
+    name: str
+    goal: str
+    scale: float
+    joints: tuple[str, ...]
+    effector_m: float | None
+    foot_height_m: float | None
+    foot_slide_m: float | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
     """One pose.
@@ -128,6 +155,8 @@ class Pose:
         (J, 3), metres; of a locomotion root sideways and forward velocity, m/s, and yaw rate, rad/s, (3,); the
         examples' weights (E,); whether the error is within ``max_error``; the methods that were tried; how well
         the examples support the answer, 0 to 1 (of binary records where ``support`` is requested).
+    mapped : Mapped or None
+        Where ``map`` was requested.
     """
 
     verb: str
@@ -147,6 +176,7 @@ class Pose:
     met: bool | None = None
     tried: tuple[str, ...] | None = None
     support: float | None = None
+    mapped: Mapped | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,6 +195,8 @@ class Poses:
     clamped : (B,) bool
     method, measured, positions, root_velocity, weights, support
         As in :class:`Pose`, with a leading axis (B).
+    mapped : tuple of Mapped, or None
+        Of each pose, where ``map`` was requested.
     """
 
     verb: str
@@ -182,6 +214,7 @@ class Poses:
     root_velocity: F32 | None = None
     weights: F64 | None = None
     support: F64 | None = None
+    mapped: tuple[Mapped, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.phases)
@@ -207,6 +240,7 @@ class Poses:
             None if self.root_velocity is None else self.root_velocity[k],
             None if self.weights is None else self.weights[k],
             support=None if self.support is None else float(self.support[k]),
+            mapped=None if self.mapped is None else self.mapped[k],
         )
 
 
@@ -239,6 +273,8 @@ class Sequence:
         Whether the adverbs of any frame were clamped to the domain.
     method, measured, events, positions, root_velocity, weights, support
         In full responses only, else None. Weights are (1, E), or (F, E) along a track; support is (F,).
+    mapped : Mapped or None
+        Where ``map`` was requested; the figures are the largest of all frames.
     """
 
     verb: str
@@ -258,6 +294,7 @@ class Sequence:
     root_velocity: F32 | None = None
     weights: F64 | None = None
     support: F64 | None = None
+    mapped: Mapped | None = None
 
     def __len__(self) -> int:
         return len(self.phases)

@@ -15,6 +15,7 @@ from adverb_client.models import (
     Example,
     Health,
     KeytimeEvent,
+    Mapped,
     Pose,
     Poses,
     QualityMap,
@@ -126,12 +127,14 @@ def pose(fields: Json) -> Pose:
         fields.get("met"),
         None if tried is None else tuple(tried),
         fields.get("support"),
+        _mapped(fields),
     )
 
 
 def poses(fields: Json) -> Poses:
     """Many poses of JSON, as columns."""
     rows = [pose(row) for row in fields["poses"]]
+    mapped = [_mapped({**row, "map": fields["map"]}) for row in fields["poses"]] if "map" in fields else []
 
     def column(name: str) -> Any:
         values = [getattr(row, name) for row in rows]
@@ -157,6 +160,7 @@ def poses(fields: Json) -> Poses:
         column("root_velocity"),
         column("weights"),
         column("support"),
+        tuple(row for row in mapped if row is not None) or None,
     )
 
 
@@ -183,6 +187,7 @@ def sequence(fields: Json) -> Sequence:
         _optional(fields, "root_velocity", (frames, 3)),
         _weights(fields),
         None if supports is None else np.array(supports, np.float64).reshape(frames),
+        _mapped(fields),
     )
 
 
@@ -242,6 +247,16 @@ def _f32(numbers: Any, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
 
 def _optional(fields: Json, name: str, shape: tuple[int, ...]) -> npt.NDArray[np.float32] | None:
     return None if fields.get(name) is None else _f32(fields[name], shape)
+
+
+def _mapped(fields: Json) -> Mapped | None:
+    """The skeleton of a mapped answer with its figures."""
+    head = fields.get("map")
+    if head is None:
+        return None
+    figures = fields["figures"]
+    names = ("effector_m", "foot_height_m", "foot_slide_m")
+    return Mapped(head["name"], head["goal"], head["scale"], tuple(head["joints"]), *(figures[name] for name in names))
 
 
 def _weights(fields: Json) -> npt.NDArray[np.float64] | None:

@@ -161,7 +161,7 @@ const CLASSES: readonly [typeof ResponseError, readonly string[]][] = [
     UnknownName,
     [
       ...["unknown_verb", "unknown_version", "unknown_adverb", "unknown_joint", "unknown_method", "unknown_space"],
-      ...["unknown_refinement", "unknown_draft"],
+      ...["unknown_map", "unknown_refinement", "unknown_draft"],
     ],
   ],
   [

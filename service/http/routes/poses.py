@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from service import wire
 from service.catalog.catalog import Entry
-from service.fields import Name, Space
+from service.fields import MapGoal, Name, Space
 from service.http import evaluation, response_json
 from service.http.context import served, trace_of
 from service.http.direct import Direct, Whole
@@ -22,6 +22,7 @@ from service.state import ServerState
 from verbs.errors import RequestError
 from verbs.io import motion_files
 from verbs.runtime import sequence as sequences
+from verbs.skeleton import Skeleton
 
 __all__ = ["router"]
 
@@ -76,6 +77,8 @@ async def poses(
     version: Annotated[int | None, Query(ge=1, description="Version, of a binary body.")] = None,
     plant: Annotated[bool | None, Query(description="Whether feet are planted, of a binary body.")] = None,
     support: Annotated[bool | None, Query(description="Whether records have the support, of a binary body.")] = None,
+    target: Annotated[Name | None, Query(alias="map", description="Skeleton of the answer, of a binary body.")] = None,
+    map_goal: Annotated[MapGoal | None, Query(description="Goal of the effector, of a binary body.")] = None,
 ) -> Response:
     """Evaluate a pose for each character of a crowd.
 
@@ -86,6 +89,7 @@ async def poses(
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
     query = {"method": method, "space": space, "joints": joints, "version": version, "plant": plant, "support": support}
+    query |= {"map": target, "map_goal": map_goal}
     if media_type(request, JSON, OCTETS) == OCTETS:
         entry = await state.version(entry, version)
         batch = evaluation.binary_batch(state, entry, await read(request), query)
@@ -136,9 +140,11 @@ async def _motion_file(
     state: ServerState, entry: Entry, content: SequenceRequest, motion: Motion, form: str
 ) -> Response:
     """A motion as a file of a media type of :data:`FILES`, written in a thread."""
-    whole = sequences.to_motion(entry.evaluator, motion.frames.poses, motion.fps)
+    whole = sequences.to_motion(entry.evaluator, motion.frames.poses, motion.fps, skeleton=_skeleton(motion))
     name = entry.verb.name
     extras: dict[str, Any] = {"verb": name, "version": entry.version}
+    if (shown := motion.frames.shown) is not None:
+        extras |= {"map": shown.head["name"], "figures": shown.figures[0].as_dict()}
     extras |= {"adverbs": content.adverbs} if content.adverbs is not None else {}
 
     def work() -> bytes:
@@ -148,6 +154,11 @@ async def _motion_file(
     charset = "; charset=utf-8" if form.startswith("text/") else ""
     disposition = f'attachment; filename="{name}.{FILES[form]}"'
     return Response(file, headers={"content-type": form + charset, "content-disposition": disposition})
+
+
+def _skeleton(motion: Motion) -> Skeleton | None:
+    """Skeleton of a motion on another one; None for that of the verb."""
+    return None if motion.frames.shown is None else motion.frames.shown.skeleton
 
 
 router.routes[:0] = direct.routes

@@ -116,6 +116,24 @@ async def test_motions_at_constant_adverbs_and_along_a_track(client):
     assert (await client.bvh("arm3", AT)).startswith("HIERARCHY")
 
 
+async def test_poses_on_another_skeleton(client):
+    goal = {"x": -0.3, "y": 1.2, "z": 0.4}
+    pose = await client.pose("reach", goal, phase=0.5, map="unreal", map_goal="world")
+    assert (pose.mapped.name, pose.mapped.goal) == ("unreal", "world")
+    assert pose.rotations.shape == (len(pose.mapped.joints), 4)
+    assert pose.mapped.effector_m < 1e-3
+    batch = await client.poses("reach", {"x": [-0.3, -0.1], "y": 1.2, "z": 0.4}, phases=[0.5, 0.2], map="smpl")
+    assert batch[0].mapped.joints == batch[1].mapped.joints
+    assert batch.rotations.shape == (2, 24, 4)
+    motion = await client.sequence("reach", goal, map="vrm", joints=["hips", "rightHand"])
+    assert motion.mapped.joints == ("hips", "rightHand")
+    assert motion.mapped.foot_slide_m < 2e-3
+    assert (await client.pose("reach", goal)).mapped is None
+    with pytest.raises(errors.UnknownMap) as caught:
+        await client.pose("reach", goal, map="robot")
+    assert caught.value.known == ("vrm", "unreal", "mixamo", "smpl")
+
+
 async def test_ready(client):
     assert (await client.health()).verbs >= 3
     assert (await client.wait_ready(1.0)).ready

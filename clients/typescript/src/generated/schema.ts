@@ -784,6 +784,19 @@ export interface components {
              */
             joints: string[] | null;
             /**
+             * Map
+             * @description Skeleton of the answer, instead of the verb's: `vrm` (also Unity's humanoid), `unreal`, `mixamo` or `smpl`. `joints` are then those of that skeleton; the object `map` of the response names them.
+             * @default null
+             */
+            map: string | null;
+            /**
+             * Map Goal
+             * @description With `map`: where the effector's goal is: `scaled` with the body, or where it is for the verb.
+             * @default scaled
+             * @enum {string}
+             */
+            map_goal: "scaled" | "world";
+            /**
              * Method
              * @description Blending method, one of the verb's `methods`. Default: its `default_method`.
              * @default null
@@ -1243,6 +1256,27 @@ export interface components {
              */
             warnings: string[];
         };
+        /**
+         * FiguresAnswer
+         * @description How well the mapping keeps effector and feet; null where there is nothing to keep.
+         */
+        FiguresAnswer: {
+            /**
+             * Effector M
+             * @description Distance of the effector from its goal at its keytime, metres.
+             */
+            effector_m: number | null;
+            /**
+             * Foot Height M
+             * @description Largest distance of a standing foot from the ground, metres.
+             */
+            foot_height_m: number | null;
+            /**
+             * Foot Slide M
+             * @description Largest distance of a standing foot from its place over the ground, metres.
+             */
+            foot_slide_m: number | null;
+        };
         /** HTTPValidationError */
         HTTPValidationError: {
             /** Detail */
@@ -1274,6 +1308,29 @@ export interface components {
         Live: {
             /** Live */
             live: boolean;
+        };
+        /**
+         * MapAnswer
+         * @description The skeleton that was requested with `map`.
+         */
+        MapAnswer: {
+            /**
+             * Goal
+             * @description `scaled` or `world`.
+             */
+            goal: string;
+            /**
+             * Joints
+             * @description Names of the joints, in the order of `rotations`.
+             */
+            joints: string[];
+            /** Name */
+            name: string;
+            /**
+             * Scale
+             * @description Lengths of the skeleton per length of the verb's.
+             */
+            scale: number;
         };
         /**
          * Open
@@ -1503,6 +1560,10 @@ export interface components {
              * @description Distance between goal and measured position; null if nothing is measured.
              */
             error: number | null;
+            /** @description If a map was requested. */
+            figures?: components["schemas"]["FiguresAnswer"] | null;
+            /** @description If a map was requested. */
+            map?: components["schemas"]["MapAnswer"] | null;
             /**
              * Measured
              * @description Values of the measured adverbs.
@@ -1599,6 +1660,19 @@ export interface components {
              */
             joints: string[] | null;
             /**
+             * Map
+             * @description Skeleton of the answer, instead of the verb's: `vrm` (also Unity's humanoid), `unreal`, `mixamo` or `smpl`. `joints` are then those of that skeleton; the object `map` of the response names them.
+             * @default null
+             */
+            map: string | null;
+            /**
+             * Map Goal
+             * @description With `map`: where the effector's goal is: `scaled` with the body, or where it is for the verb.
+             * @default scaled
+             * @enum {string}
+             */
+            map_goal: "scaled" | "world";
+            /**
              * Max Error
              * @description Largest acceptable error, metres. rbf, search, corrected and a polish of joints are tried in this order, from `method` on if given, until the error is met. `tried` lists what was done, and `met` whether it was enough; the pose is returned either way.
              * @default null
@@ -1659,6 +1733,8 @@ export interface components {
          * @description Poses in the order of the items.
          */
         PosesAnswer: {
+            /** @description If a map was requested. */
+            map?: components["schemas"]["MapAnswer"] | null;
             /** Method */
             method: string;
             /** Poses */
@@ -1950,10 +2026,14 @@ export interface components {
              * @description Keytimes within the motion, by name.
              */
             events: components["schemas"]["_Event"][];
+            /** @description If a map was requested. */
+            figures?: components["schemas"]["FiguresAnswer"] | null;
             /** Fps */
             fps: number;
             /** Frames */
             frames: number;
+            /** @description If a map was requested. */
+            map?: components["schemas"]["MapAnswer"] | null;
             /**
              * Measured
              * @description Values of the measured adverbs; null with a track.
@@ -2039,6 +2119,19 @@ export interface components {
              * @default false
              */
             mannequin: boolean;
+            /**
+             * Map
+             * @description Skeleton of the answer, instead of the verb's: `vrm` (also Unity's humanoid), `unreal`, `mixamo` or `smpl`. `joints` are then those of that skeleton; the object `map` of the response names them.
+             * @default null
+             */
+            map: string | null;
+            /**
+             * Map Goal
+             * @description With `map`: where the effector's goal is: `scaled` with the body, or where it is for the verb.
+             * @default scaled
+             * @enum {string}
+             */
+            map_goal: "scaled" | "world";
             /**
              * Method
              * @description Blending method, one of the verb's `methods`. Default: its `default_method`.
@@ -5268,6 +5361,10 @@ export interface operations {
                 plant?: boolean | null;
                 /** @description Whether records have the support, of a binary body. */
                 support?: boolean | null;
+                /** @description Skeleton of the answer, of a binary body. */
+                map?: string | null;
+                /** @description Goal of the effector, of a binary body. */
+                map_goal?: ("scaled" | "world") | null;
             };
             header?: never;
             path: {

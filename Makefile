@@ -120,6 +120,7 @@ generate: setup  ## rewrite generated files: openapi.json, vectors of evaluators
 	@$(BIN)/python -m tools.openapi
 	@$(BIN)/python -m tools.evaluator_vectors
 	@$(BIN)/python -m tools.golden_stream
+	@$(BIN)/python -m tools.mapping_table
 	@$(BIN)/python -m tools.settings_table
 	@$(if $(HAS_NPM),$(MAKE) -s $(TYPESCRIPT)/node_modules && npm --prefix $(TYPESCRIPT) run --silent types)
 

@@ -138,6 +138,7 @@ class _ContactPoint(BaseModel):
     part: Annotated[str, Field(description="heel, ball, toe, or foot.")]
     joint: Annotated[str, Field(description="Joint that carries the point.")]
     offset: Annotated[Vector, Field(description="Position in the joint's frame, metres.")]
+    height: Annotated[float, Field(description="Height while it stands, mean over examples, metres.")]
     share: _Share
     intervals: Annotated[
         list[list[list[float]]],

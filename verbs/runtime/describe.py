@@ -335,6 +335,7 @@ def _contact_point(skeleton: Skeleton, contacts: Contacts, p: int) -> dict[str, 
         "part": PARTS[contacts.parts[p]],
         "joint": skeleton.names[contacts.joints[p]],
         "offset": contacts.offsets[p].tolist(),
+        "height": float(contacts.heights[:, p].mean()),
         "share": _share(contacts.values[:-1, :, p]),
         "intervals": [contacts.of(i, p).tolist() for i in range(contacts.values.shape[1])],
     }

@@ -6,6 +6,7 @@ import { callerOf, Rest } from "./api/rest";
 import { Page } from "./app";
 import { Inclines } from "./incline";
 import { motionExtent } from "./motion_extent";
+import { OwnFigure } from "./own/own_figure";
 import { publish } from "./published_state";
 import { createStage } from "./scene/stage";
 import { h } from "./shell/dom";
@@ -40,6 +41,7 @@ function start(): void {
     openWorker(),
     reducedMotion,
   );
+  const own = new OwnFigure(page);
   const canvas = h("div", { className: "stage" });
   const scene = h("main", { className: "scene", "aria-label": "Scene", tabIndex: -1 }, canvas);
   const keys = shortcutDialog();
@@ -58,7 +60,13 @@ function start(): void {
   );
   const hud = driveHud(page, () => stage?.drawn ?? null);
   scene.append(values, hud, overlay(page, scene), notices(page), find, bar);
-  document.body.append(header(page, help), scene, panel(page, verbTab(page, reset)), draftPart(page, colours), keys);
+  document.body.append(
+    header(page, help),
+    scene,
+    panel(page, verbTab(page, own, reset)),
+    draftPart(page, colours),
+    keys,
+  );
   document.body.append(keyPrompt(access));
   bindKeys(page, reset, help);
   page.drive.keyboard.listen(window);
@@ -71,7 +79,9 @@ function start(): void {
     join(page, stage, colours, find);
     keepClear(stage, scene, bar, values);
   }
-  publish(page, stage);
+  takeFigures(scene, own);
+  own.start(stage);
+  publish(page, stage, own);
   page.start(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/v1/stream`);
   addEventListener("focus", () => void page.refresh());
   const frame = (ms: number) => {
@@ -80,6 +90,23 @@ function start(): void {
   };
   requestAnimationFrame(frame);
   addEventListener("pagehide", (event) => event.persisted || page.stop());
+}
+
+/** A GLB or VRM file that is dropped on the scene becomes the figure. */
+function takeFigures(scene: HTMLElement, own: OwnFigure): void {
+  scene.addEventListener("dragover", (event) => {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    event.preventDefault();
+    scene.classList.add("over");
+  });
+  scene.addEventListener("dragleave", () => scene.classList.remove("over"));
+  scene.addEventListener("drop", (event) => {
+    event.preventDefault();
+    scene.classList.remove("over");
+    const file = [...(event.dataTransfer?.files ?? [])].find(OwnFigure.accepts);
+    if (file) void own.take(file);
+    else own.refuse();
+  });
 }
 
 /** The open draft, loaded on demand; covers scene and panel. */

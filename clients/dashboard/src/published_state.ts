@@ -1,6 +1,7 @@
 /** `window.adverb`: read-only page state for tests. */
 
 import type { Page } from "./app";
+import type { OwnFigure } from "./own/own_figure";
 import type { Connection, Opened, Role, Shown, Stage, Stats, View } from "./types";
 
 export interface PublishedState {
@@ -14,6 +15,14 @@ export interface PublishedState {
   readonly stats: Stats | null;
   /** Last drawn frame: count, world positions of effector and goal. */
   readonly drawn: Stage["drawn"] | null;
+  /** The user's figure: joints that move, distances of the displayed pose, places of its joints; null without one. */
+  readonly figure: {
+    readonly moved: number;
+    readonly scale: number;
+    readonly effector: number | null;
+    readonly feet: number | null;
+    readonly places: Readonly<Record<string, readonly number[]>>;
+  } | null;
 }
 
 declare global {
@@ -22,7 +31,7 @@ declare global {
   }
 }
 
-export function publish(page: Page, stage: Stage | null): void {
+export function publish(page: Page, stage: Stage | null, own: OwnFigure): void {
   const published: PublishedState = {
     get view() {
       return page.store.view;
@@ -44,6 +53,12 @@ export function publish(page: Page, stage: Stage | null): void {
     },
     get drawn() {
       return stage && { ...stage.drawn };
+    },
+    get figure() {
+      const { model } = own;
+      const { mapper } = model ?? {};
+      if (!model || !mapper) return null;
+      return { moved: mapper.rows.length, scale: mapper.scale, ...mapper.figures, places: model.places() };
     },
   };
   Object.defineProperty(window, "adverb", { value: Object.freeze(published) });

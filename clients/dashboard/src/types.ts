@@ -70,6 +70,10 @@ export interface View {
   draft: string;
   /** Selected clip of the draft. */
   clip: string;
+  /** Name of the figure that this browser keeps and shows; empty: the mannequin. */
+  figure: string;
+  /** Where the goal of that figure's effector is. */
+  figureGoal: "scaled" | "world";
   /** Camera position and target, x, y, z each; null: framed automatically. */
   camera: readonly number[] | null;
   /** Axes of the quality maps (empty: the first two adverbs) and the displayed quantity. */
@@ -165,6 +169,8 @@ export interface Stage {
   /** Pixels covered by other elements at the top and at the bottom. */
   setInset(top: number, bottom: number): void;
   resetView(): void;
+  /** Whether another object stands in place of the first character. */
+  setReplaced(replaced: boolean): void;
   /** Further objects in the scene, which their owner disposes of. */
   add(objects: Object3D): void;
   /** Draw a frame, as after a change of added objects. */

@@ -14,6 +14,7 @@ export {
 export { Evaluators } from "./evaluator/evaluators.js";
 export type { StoredAdverb, StoredVerb } from "./evaluator/verb_file.js";
 export type { components, paths } from "./generated/schema.js";
+export { type MapFigures, type MappedVerb, Mapper, type MapperOptions, type RestJoint } from "./mapping/mapper.js";
 export * from "./math/kinematics.js";
 export * from "./math/quaternion.js";
 export * from "./rest/client.js";

@@ -35,6 +35,8 @@ export class Figures {
   distant: readonly boolean[] | null = null;
   /** Characters nearer to the camera are not drawn, except for the first, m. */
   clearance = 0;
+  /** Whether the first character is not drawn. */
+  replaced = false;
   readonly #attention: Attention;
   #pictures = 0;
   #room = 0;
@@ -81,7 +83,7 @@ export class Figures {
       this.places[3 * k + 2] = heading(rotations, 0);
       if (k > 0) this.#attention.turn(k, positions, rotations, this.#shift, eye);
       const away = Math.hypot((this.places[3 * k] as number) - eye[0], (this.places[3 * k + 1] as number) - eye[2]);
-      const isHidden = k > 0 && away < this.clearance;
+      const isHidden = k > 0 ? away < this.clearance : this.replaced;
       for (const { joint, of } of this.#meshes) {
         const matrices = (of[0] as InstancedMesh).instanceMatrix.array as Float32Array;
         if (isHidden) matrices.fill(0, 16 * k, 16 * k + 16);

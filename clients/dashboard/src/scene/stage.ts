@@ -74,6 +74,7 @@ class WebGLStage implements Stage {
   #keytime = Number.NaN;
   #phase = 0;
   #offscreen = false;
+  #replaced = false;
   #hovered: { known: ExamplePoint; at: Vector3 } | null = null;
   #request = 0;
   #drawnAt = 0;
@@ -109,6 +110,7 @@ class WebGLStage implements Stage {
       main: new Figures(verb.skeleton, [main], rows, this.#crowdDetail.shapes(this.#detail)),
       comparison: new Figures(verb.skeleton, [prepass, other], rows, this.#crowdDetail.shapes(this.#detail)),
     };
+    this.#figures.main.replaced = this.#replaced;
     this.#scene.add(this.#figures.main.group, this.#figures.comparison.group, this.#feet.mesh);
     this.#rig.setFrame(this.#layout.frame(1));
     this.#arrange();
@@ -205,6 +207,12 @@ class WebGLStage implements Stage {
 
   resetView(): void {
     this.setCamera(null);
+  }
+
+  setReplaced(replaced: boolean): void {
+    this.#replaced = replaced;
+    if (this.#figures) this.#figures.main.replaced = replaced;
+    this.requestDraw();
   }
 
   add(objects: Object3D): void {

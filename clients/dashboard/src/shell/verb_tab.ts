@@ -1,6 +1,8 @@
 /** Verb tab: description, adverbs, number of characters and display options. */
 
 import type { Page } from "../app";
+import type { OwnFigure } from "../own/own_figure";
+import { ownFigurePart } from "../own/panel";
 import { BOUNDS } from "../store";
 import type { View } from "../types";
 import { addClip } from "./add_clip";
@@ -10,7 +12,7 @@ import { motionExport } from "./motion_export";
 
 type Flag = { [Key in keyof View]: View[Key] extends boolean ? Key : never }[keyof View];
 
-export function verbTab(page: Page, resetView: () => void): HTMLElement {
+export function verbTab(page: Page, own: OwnFigure, resetView: () => void): HTMLElement {
   const description = h("p", { className: "description" });
   const more = moreButton(description);
   const numbers = h("p", { className: "quiet" });
@@ -42,6 +44,8 @@ export function verbTab(page: Page, resetView: () => void): HTMLElement {
       detail(page),
     ),
     h("button", { type: "button", onclick: resetView, title: "Reset view (r)" }, "Reset view"),
+    h("h2", {}, "Your figure"),
+    ownFigurePart(page, own),
     h("h2", {}, "This motion"),
     motionExport(page),
     h("h2", {}, "Examples"),

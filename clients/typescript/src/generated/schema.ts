@@ -2732,6 +2732,11 @@ export interface components {
         /** _ContactPoint */
         _ContactPoint: {
             /**
+             * Height
+             * @description Height while it stands, mean over examples, metres.
+             */
+            height: number;
+            /**
              * Intervals
              * @description For each example, its [begin, end] pairs of canonical time; beyond 1 in the next cycle.
              */

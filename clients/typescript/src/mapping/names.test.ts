@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
+import { LABELS, RIGS } from "../generated/mapping_vectors.js";
 import { label, rolesOf } from "./names.js";
-import { LABELS, RIGS } from "./vectors.js";
 
 test("names have the sides and plain names that the library finds", () => {
   for (const [name, [side, plain]] of Object.entries(LABELS)) expect(label(name), name).toEqual([side, plain]);

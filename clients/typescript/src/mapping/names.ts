@@ -14,7 +14,7 @@ import {
   RIGHT,
   SEPARATORS,
   UNSURE,
-} from "./table.js";
+} from "../generated/mapping_table.js";
 
 /** The humanoid of a skeleton: joints of VRM bones, and those of the spine and the neck from below. */
 export interface Roles {
@@ -142,7 +142,7 @@ function fingers(side: string, own: Own, depth: Depth): Record<string, number> {
     const match = finger.exec(word);
     const name = FINGER_NAMES[match?.[1] ?? ""];
     if (!match || !name || (name !== "Thumb" && match[2]?.includes("metacarpal"))) continue;
-    (rows[name] ??= []).push(joint);
+    rows[name] = [...(rows[name] ?? []), joint];
   }
   return Object.fromEntries(
     Object.entries(rows).flatMap(([name, joints]) =>

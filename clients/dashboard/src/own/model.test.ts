@@ -1,0 +1,69 @@
+import { Bone, Group, Object3D, Quaternion, Vector3 } from "three";
+import { expect, test } from "vitest";
+import { POSES, RIGS } from "../../../typescript/src/generated/mapping_vectors";
+import type { Verb } from "../types";
+import { Model } from "./model";
+
+const [given] = POSES as [(typeof POSES)[number]];
+const rig = RIGS.find((each) => each.rig === given.target) as (typeof RIGS)[number];
+
+/** The preset's skeleton as bones of a file: other axes, an armature that is turned and scaled, in centimetres. */
+function scene({ unit = 100, roll = true } = {}): Group {
+  const armature = new Object3D();
+  armature.rotation.x = -Math.PI / 2;
+  armature.scale.setScalar(0.1);
+  const group = new Group().add(armature);
+  group.updateMatrixWorld(true);
+  const places: Vector3[] = [];
+  const bones = rig.names.map((name, k) => {
+    const bone = new Bone();
+    bone.name = name;
+    const above = rig.parents[k] as number;
+    const place = new Vector3(...((k === 0 ? given.origin : given.offsets[k]) as [number, number, number]));
+    places.push(above < 0 ? place : place.add(places[above] as Vector3));
+    return bone;
+  });
+  bones.forEach((bone, k) => {
+    const parent = bones[rig.parents[k] as number] ?? armature;
+    parent.add(bone);
+    const turn = roll ? new Quaternion(Math.sin(k), Math.cos(2 * k), 0.3, 0.8).normalize() : new Quaternion();
+    bone.quaternion.copy(parent.getWorldQuaternion(new Quaternion()).invert().multiply(turn));
+    bone.position.copy(parent.worldToLocal((places[k] as Vector3).clone().multiplyScalar(unit)));
+    bone.updateMatrixWorld(true);
+  });
+  return group;
+}
+
+test.each([
+  ["metres", { unit: 1, roll: false }],
+  ["centimetres and other axes", {}],
+])("a figure in %s performs as the library's", (_, options) => {
+  const model = new Model(scene(options), {});
+  model.bind(given.verb as unknown as Verb, {});
+  expect(model.mapper?.scale).toBeCloseTo(given.scale, 4);
+  given.values.forEach((values, n) => {
+    model.pose(Float32Array.from(values), given.phases[n] as number);
+    const places = model.places();
+    for (const { target } of model.mapper?.rows ?? []) {
+      const wanted = given.places[n]?.[target] as number[];
+      const found = places[rig.names[target] as string] as number[];
+      expect(Math.hypot(...found.map((value, a) => value - (wanted[a] as number)))).toBeLessThan(0.012);
+    }
+  });
+});
+
+test("another mapping starts from the rest pose", () => {
+  const model = new Model(scene(), {});
+  const before = model.places();
+  model.bind(given.verb as unknown as Verb, {});
+  model.pose(Float32Array.from(given.values[2] as number[]), null);
+  expect(model.places()).not.toEqual(before);
+  model.bind(given.verb as unknown as Verb, { joints: { Neck: "" } });
+  const after = model.places();
+  for (const [name, place] of Object.entries(before))
+    expect(Math.hypot(...place.map((value, a) => value - (after[name]?.[a] ?? 0)))).toBeLessThan(1e-6);
+});
+
+test("a file without a skeleton is refused", () => {
+  expect(() => new Model(new Group(), {})).toThrow(/no skeleton/);
+});

@@ -1,0 +1,141 @@
+/** The figure of the user's file: loaded, mapped to the displayed verb, posed with every picture. */
+
+import type { Page } from "../app";
+import { textOf } from "../app";
+import type { Picture, Stage } from "../types";
+import { forget, keep, kept } from "./kept";
+import { FIGURE_FILE, loadModel } from "./load";
+import type { Model } from "./model";
+
+export class OwnFigure {
+  model: Model | null = null;
+  /** Corrections of the mapping: joints of the figure by joints of the verb. */
+  joints: Record<string, string> = {};
+  /** Called when the figure, its mapping, or the verb changed. */
+  onChange = () => {};
+  private file: Blob | null = null;
+  private loading = "";
+  private stage: Stage | null = null;
+
+  constructor(private readonly page: Page) {
+    page.store.on(["figure"], () => void this.restore());
+    page.store.on(["figureGoal"], () => this.bind());
+    page.on("verb", () => this.bind());
+    page.on("picture", ({ role, picture }) => role === "main" && this.show(picture));
+  }
+
+  /** Show in a scene, and read the figure that the link names. */
+  start(stage: Stage | null): void {
+    this.stage = stage;
+    void this.restore();
+  }
+
+  /** Whether a file may be a figure. */
+  static accepts(file: File | undefined): file is File {
+    return file !== undefined && FIGURE_FILE.test(file.name);
+  }
+
+  /** Show a file, and keep it in this browser. */
+  async take(file: File): Promise<void> {
+    try {
+      const model = await loadModel(file);
+      this.loading = file.name;
+      this.joints = {};
+      this.replace(model, file);
+      this.page.store.change({ figure: file.name });
+      if (!this.model) return;
+      await this.save();
+    } catch (err) {
+      this.page.notify(textOf(err), "error");
+    }
+  }
+
+  /** Answer a dropped file that is no figure. */
+  refuse(): void {
+    this.page.notify("Drop a GLB or VRM file of a figure here. Clips and verbs belong to the Upload tab.", "error");
+  }
+
+  remove(): void {
+    const { figure } = this.page.store.view;
+    this.page.store.change({ figure: "" });
+    void forget(figure).catch(() => {});
+  }
+
+  /** Move a joint of the figure by a joint of the verb; an empty one is left out. */
+  correct(source: string, target: string): void {
+    this.joints = { ...this.joints, [source]: target };
+    this.bind();
+    void this.save();
+  }
+
+  /** Drop all corrections. */
+  reset(): void {
+    this.joints = {};
+    this.bind();
+    void this.save();
+  }
+
+  private async save(): Promise<void> {
+    const { file, loading: name, joints } = this;
+    if (!file) return;
+    await keep({ name, file, joints }).catch(() =>
+      this.page.notify("This browser does not keep the figure; drop it again after a reload."),
+    );
+  }
+
+  private async restore(): Promise<void> {
+    const { figure } = this.page.store.view;
+    if (figure === this.loading) return;
+    this.loading = figure;
+    this.replace(null, null);
+    if (!figure) return;
+    try {
+      const found = await kept(figure);
+      if (this.loading !== figure) return;
+      if (!found) {
+        this.page.notify(`The figure ${figure} is not kept in this browser. Drop its file to show it.`);
+        return this.page.store.change({ figure: "" });
+      }
+      const model = await loadModel(found.file);
+      if (this.loading !== figure) return model.dispose();
+      this.joints = found.joints;
+      this.replace(model, found.file);
+    } catch (err) {
+      this.page.notify(textOf(err), "error");
+      this.page.store.change({ figure: "" });
+    }
+  }
+
+  private replace(model: Model | null, file: Blob | null): void {
+    this.model?.dispose();
+    this.model = model;
+    this.file = file;
+    this.bind();
+  }
+
+  private bind(): void {
+    const { model, stage } = this;
+    const { verb, store } = this.page;
+    if (model && verb) {
+      try {
+        model.bind(verb, { joints: this.joints, goal: store.view.figureGoal });
+      } catch (err) {
+        this.page.notify(`${textOf(err)} The verb ${verb.name} keeps its own figure.`);
+      }
+    }
+    if (model?.mapper) stage?.add(model.object);
+    else model?.object.removeFromParent();
+    stage?.setReplaced(Boolean(model?.mapper));
+    this.onChange();
+  }
+
+  private show(picture: Picture | null): void {
+    const { model, page } = this;
+    if (!model?.mapper || !picture || picture.count === 0) return;
+    const size = 3 + 4 * (page.verb?.skeleton.names.length ?? 0);
+    if (picture.poses.length < picture.count * size) return; // another skeleton
+    const isOwn = page.shown.main?.verb === page.verb?.name;
+    model.pose(picture.poses.subarray(0, size), isOwn ? picture.phase : null);
+    this.stage?.requestDraw();
+  }
+}

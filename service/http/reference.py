@@ -15,10 +15,13 @@ CONTENT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'
 """Content security policy of these pages, without ``frame-ancestors``: they load nothing."""
 
 DASHBOARD_POLICY = (
-    "default-src 'self'; script-src 'self'; worker-src 'self'; connect-src 'self'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'"
+    "default-src 'self'; script-src 'self'; worker-src 'self'; connect-src 'self' blob:; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; base-uri 'none'; form-action 'none'"
 )
-"""Content security policy of the dashboard, without ``frame-ancestors``: own files, own server, inline styles."""
+"""Content security policy of the dashboard, without ``frame-ancestors``: own files, own server, inline styles.
+
+Textures of a figure that the user drops are read as ``blob:``.
+"""
 
 _STYLE = """
 :root{color-scheme:light dark;--line:#8884;--soft:#8882;--key:#2f6fde}

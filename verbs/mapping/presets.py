@@ -14,6 +14,7 @@ from functools import cache
 import numpy as np
 
 from verbs.errors import UnknownName
+from verbs.mapping.names import roles_of
 from verbs.mapping.rig import Rig
 from verbs.skeleton import Skeleton
 
@@ -194,12 +195,10 @@ _ROWS = {"vrm": _vrm, "unreal": _unreal, "mixamo": _mixamo, "smpl": _smpl}
 PRESETS: tuple[str, ...] = tuple(_ROWS)
 """Names of the presets. ``vrm`` has the bones of VRM and of Unity's humanoid."""
 
-_TIPS = {
-    "Toes": (0.0, -0.01, 0.07),
-    "ToeBase": (0.0, -0.01, 0.07),
-    "ball": (0.0, -0.015, 0.075),
-    "foot": (0.0, -0.02, 0.08),
-}
+_TIPS: dict[str, tuple[float, float, float]] = {
+    "leftToes": (0.0, -0.01, 0.07), "rightToes": (0.0, -0.01, 0.07), "head": (0.0, 0.18, 0.01),
+}  # fmt: skip
+"""Ends of the toes and of the head, metres from their joints."""
 
 
 @cache
@@ -222,9 +221,11 @@ def preset(name: str) -> Rig:
     offsets = places.copy()
     offsets[1:] -= places[parents[1:]]
     offsets[0] = 0.0
-    tips, lengths = _tips(name, names)
     still = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1))
-    return Rig(name, Skeleton(names, parents, offsets, tips, lengths), still, still, places[0], ground=0.0)
+    bones = roles_of(names, parents.tolist()).bones
+    tips = np.array([bones[bone] for bone in _TIPS], np.int64)
+    skeleton = Skeleton(names, parents, offsets, tips, np.array(list(_TIPS.values())))
+    return Rig(name, skeleton, still, still, places[0], ground=0.0)
 
 
 def _depth_first(rows: list[Row]) -> list[Row]:
@@ -239,13 +240,3 @@ def _depth_first(rows: list[Row]) -> list[Row]:
 
     add("")
     return ordered
-
-
-def _tips(
-    name: str, names: tuple[str, ...]
-) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
-    """Tips of the toes."""
-    endings = {"vrm": "Toes", "mixamo": "ToeBase", "unreal": "ball", "smpl": "foot"}
-    ending = endings[name]
-    found = [k for k, each in enumerate(names) if each.split("_")[0] == ending or each.endswith(ending)]
-    return np.array(found, np.int64), np.tile(np.array(_TIPS[ending]), (len(found), 1))

@@ -169,8 +169,8 @@ export interface Stage {
   /** Pixels covered by other elements at the top and at the bottom. */
   setInset(top: number, bottom: number): void;
   resetView(): void;
-  /** Whether another object stands in place of the first character. */
-  setReplaced(replaced: boolean): void;
+  /** Another figure stands in place of the first character; null: none. */
+  setReplaced(other: Replacement | null): void;
   /** Further objects in the scene, which their owner disposes of. */
   add(objects: Object3D): void;
   /** Draw a frame, as after a change of added objects. */
@@ -189,6 +189,16 @@ export interface Stage {
   /** Places in the scene of the first figure's characters. */
   readonly crowd: CrowdPlaces;
   dispose(): void;
+}
+
+/** Figure that stands in place of the first character. */
+export interface Replacement {
+  /** Its way over the ground, relative to that of the character. */
+  readonly travel: number;
+  /** Its goals, relative to those of the verb. */
+  readonly goal: number;
+  /** World position of its effector, m; null without one. */
+  effector(): readonly [number, number, number] | null;
 }
 
 /** The page as seen by its panels. */

@@ -2,7 +2,7 @@
 
 import type { Page } from "../app";
 import { textOf } from "../app";
-import type { Picture, Stage } from "../types";
+import type { Picture, Replacement, Stage } from "../types";
 import { forget, keep, kept } from "./kept";
 import { FIGURE_FILE, loadModel } from "./load";
 import type { Model } from "./model";
@@ -16,6 +16,8 @@ export class OwnFigure {
   private file: Blob | null = null;
   private loading = "";
   private stage: Stage | null = null;
+  /** The last pose, which a paused motion keeps, and its phase. */
+  private last: { values: Float32Array; phase: number | null } | null = null;
 
   constructor(private readonly page: Page) {
     page.store.on(["figure"], () => void this.restore());
@@ -41,9 +43,8 @@ export class OwnFigure {
       const model = await loadModel(file);
       this.loading = file.name;
       this.joints = {};
-      this.replace(model, file);
       this.page.store.change({ figure: file.name });
-      if (!this.model) return;
+      this.replace(model, file);
       await this.save();
     } catch (err) {
       this.page.notify(textOf(err), "error");
@@ -125,17 +126,31 @@ export class OwnFigure {
     }
     if (model?.mapper) stage?.add(model.object);
     else model?.object.removeFromParent();
-    stage?.setReplaced(Boolean(model?.mapper));
+    this.pose();
+    stage?.setReplaced(this.replacement());
     this.onChange();
   }
 
+  private replacement(): Replacement | null {
+    const { mapper } = this.model ?? {};
+    if (!mapper) return null;
+    const goal = this.page.store.view.figureGoal === "scaled" ? mapper.scale : 1;
+    return { travel: mapper.scale, goal, effector: () => mapper.effectorPlace() };
+  }
+
   private show(picture: Picture | null): void {
-    const { model, page } = this;
-    if (!model?.mapper || !picture || picture.count === 0) return;
+    const { page } = this;
     const size = 3 + 4 * (page.verb?.skeleton.names.length ?? 0);
-    if (picture.poses.length < picture.count * size) return; // another skeleton
+    if (!picture || picture.count === 0 || picture.poses.length < picture.count * size) return; // another skeleton
     const isOwn = page.shown.main?.verb === page.verb?.name;
-    model.pose(picture.poses.subarray(0, size), isOwn ? picture.phase : null);
-    this.stage?.requestDraw();
+    this.last = { values: picture.poses.slice(0, size), phase: isOwn ? picture.phase : null };
+    this.pose();
+  }
+
+  private pose(): void {
+    const { model, last, page, stage } = this;
+    if (!model?.mapper || !last || last.values.length !== 3 + 4 * (page.verb?.skeleton.names.length ?? 0)) return;
+    model.pose(last.values, last.phase);
+    stage?.requestDraw();
   }
 }

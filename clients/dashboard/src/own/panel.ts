@@ -28,8 +28,8 @@ export function ownFigurePart(page: Page, own: OwnFigure): HTMLElement {
   const goal = choice(
     "Effector's goal",
     [
-      ["scaled", "scaled with the body"],
-      ["world", "where it is for the verb"],
+      ["scaled", "scaled to its size"],
+      ["world", "as for the mannequin"],
     ],
     (value) => page.store.change({ figureGoal: value === "world" ? "world" : "scaled" }),
   );
@@ -100,6 +100,7 @@ function jointRows(page: Page, own: OwnFigure): HTMLElement[] {
     const value = own.joints[joint] ?? model?.names[moved?.target ?? -1] ?? "";
     const { element, select } = choice(joint, options, (target) => own.correct(joint, target));
     select.value = value;
+    select.ariaLabel = joint;
     element.classList.toggle("corrected", joint in own.joints);
     return element;
   });

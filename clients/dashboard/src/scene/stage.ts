@@ -1,6 +1,6 @@
 import { heading, poseLength } from "adverb-client";
 import { Group, type Object3D, Scene, Vector3, type WebGLRenderer } from "three";
-import type { CrowdPlaces, Drawn, Incline, Picture, Role, Stage, Verb } from "../types";
+import type { CrowdPlaces, Drawn, Incline, Picture, Replacement, Role, Stage, Verb } from "../types";
 import { anatomyOf } from "./anatomy";
 import { CameraRig } from "./camera";
 import { CrowdDetail } from "./crowd_detail";
@@ -74,7 +74,7 @@ class WebGLStage implements Stage {
   #keytime = Number.NaN;
   #phase = 0;
   #offscreen = false;
-  #replaced = false;
+  #other: Replacement | null = null;
   #hovered: { known: ExamplePoint; at: Vector3 } | null = null;
   #request = 0;
   #drawnAt = 0;
@@ -110,7 +110,7 @@ class WebGLStage implements Stage {
       main: new Figures(verb.skeleton, [main], rows, this.#crowdDetail.shapes(this.#detail)),
       comparison: new Figures(verb.skeleton, [prepass, other], rows, this.#crowdDetail.shapes(this.#detail)),
     };
-    this.#figures.main.replaced = this.#replaced;
+    this.setReplaced(this.#other);
     this.#scene.add(this.#figures.main.group, this.#figures.comparison.group, this.#feet.mesh);
     this.#rig.setFrame(this.#layout.frame(1));
     this.#arrange();
@@ -209,9 +209,11 @@ class WebGLStage implements Stage {
     this.setCamera(null);
   }
 
-  setReplaced(replaced: boolean): void {
-    this.#replaced = replaced;
-    if (this.#figures) this.#figures.main.replaced = replaced;
+  setReplaced(other: Replacement | null): void {
+    this.#other = other;
+    if (this.#figures) this.#figures.main.replaced = other !== null;
+    if (this.#feet) this.#feet.mesh.visible = other === null;
+    this.#frame.scale.setScalar(other?.goal ?? 1);
     this.requestDraw();
   }
 
@@ -389,13 +391,14 @@ class WebGLStage implements Stage {
       if (this.#space?.kind === "velocity" && !this.#pointer.dragging) {
         moving = this.#goalFrame.updateStride(main.positions, main.rotations, delta_s);
       }
+      const travel = this.#other?.travel ?? 1;
       const [x, , z] = main.positions as unknown as [number, number, number];
-      const root = new Vector3(x, this.#slope.height(x, z), z);
+      const root = new Vector3(travel * x, travel * this.#slope.height(x, z), travel * z);
       if (this.#rig.follow(this.#following || this.#driving ? root : null, delta_s)) moving = true;
       if (this.#driving && this.#rig.turn(this.#goalFrame.heading)) moving = true;
     }
     const { x, z } = this.#goalFrame;
-    this.#frame.position.set(x, this.#slope.height(x, z), z);
+    this.#frame.position.set(x, this.#slope.height(x, z), z).multiplyScalar(this.#other?.travel ?? 1);
     this.#frame.rotation.y = this.#goalFrame.heading;
     this.#frame.updateMatrixWorld(true);
     return moving;
@@ -411,7 +414,10 @@ class WebGLStage implements Stage {
       const { radius, bar } = this.#layout;
       const light = this.#driving ? DRIVEN_LIGHT : this.#layout.light;
       const main = this.#figures?.main;
-      const [x, y, z] = main?.count ? main.positions : [target.x, target.y, target.z];
+      const travel = this.#other?.travel ?? 1;
+      const [x, y, z] = main?.count
+        ? [...main.positions.subarray(0, 3)].map((value) => travel * value)
+        : [target.x, target.y, target.z];
       const snap = (value: number | undefined) => Math.round((value ?? 0) * 4) / 4;
       const crowd = this.#layout.crowd(main?.count ?? 1);
       this.#lights.aim(snap(x) + crowd.x, snap(y) + crowd.y, snap(z) + crowd.z, radius(main?.count ?? 1), light);
@@ -429,7 +435,9 @@ class WebGLStage implements Stage {
     const { clientWidth: wide, clientHeight: high } = this.#host;
     const main = this.#figures?.main;
     if (!main?.count) return;
-    this.drawn.figure = figureRect(main.positions, this.#rig.camera, wide, high);
+    const travel = this.#other?.travel ?? 1;
+    const places = travel === 1 ? main.positions : main.positions.map((value) => travel * value);
+    this.drawn.figure = figureRect(places, this.#rig.camera, wide, high);
     const offscreen = isOffscreen(this.drawn.figure, wide, high);
     if (offscreen !== this.#offscreen) this.onOffscreen(offscreen);
     this.#offscreen = offscreen;
@@ -439,6 +447,8 @@ class WebGLStage implements Stage {
     const { camera } = this.#rig;
     const main = this.#figures?.main;
     const at = this.#effector >= 0 && main?.count ? new Vector3().fromArray(main.positions, 3 * this.#effector) : null;
+    const own = this.#other?.effector();
+    if (at && own) at.set(...own);
     this.drawn.effector = at?.toArray() ?? null;
     const judged = Math.abs(this.#phase - this.#keytime) < AT_KEYTIME;
     const far = this.#goal.reach(at, judged);

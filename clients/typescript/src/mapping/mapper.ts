@@ -167,6 +167,11 @@ export class Mapper {
     this.measure(goals);
   }
 
+  /** Place of the effector in the last pose, metres; null without one. */
+  effectorPlace(): V | null {
+    return this.effector && this.placed.length > 0 ? this.carried(this.effector) : null;
+  }
+
   private solveSource(values: ArrayLike<number>): void {
     const { parents, offsets } = this.verb.skeleton;
     parents.forEach((parent, j) => {

@@ -104,7 +104,19 @@ def main() -> None:
     with subprocess.Popen([sys.executable, "-m", "service.run.warmup", METHODS]):
         _compile_streams()
         load_building()
+        _compile_mappings()
     load_serving()
+
+
+def _compile_mappings() -> None:
+    """Compile the kernels of poses on other skeletons."""
+    from verbs import library
+    from verbs.mapping.mapper import Mapper
+    from verbs.mapping.mapping import of_preset
+    from verbs.runtime.evaluate import Evaluator
+
+    evaluator = Evaluator(library.load("reach"))
+    Mapper.of_verb(evaluator, of_preset("vrm")).poses(evaluator.pose(evaluator.verb.values[:1], phase=0.0))
 
 
 def _compile_streams() -> None:

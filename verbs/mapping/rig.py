@@ -22,8 +22,8 @@ STILL = np.array([0.0, 0.0, 0.0, 1.0])
 STANDS = 0.8
 """Least score of a pose that stands; see :func:`standing_score`."""
 
-SNAP_RAD = 0.35
-"""A body whose up or side is within this angle of an axis of its file faces that axis."""
+UP_RAD, SIDE_RAD = 0.35, 0.1
+"""A body whose up, and whose side, is within these angles of an axis of its file has that axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,19 +148,19 @@ def body_frame(rig_positions: F64, roles: Roles) -> F64:
     if "leftFoot" in bones and "rightFoot" in bones:
         low = 0.5 * (bones["leftFoot"] + bones["rightFoot"])
     side = sum((left - right for left, right in pairs[:2]), start=np.zeros(3))
-    up = _snapped(high - low)
-    left = _snapped(side - up * (side @ up))
+    up = _snapped(high - low, UP_RAD)
+    left = _snapped(side - up * (side @ up), SIDE_RAD)
     left = _unit(left - up * (left @ up))
     return quat.from_matrix(np.stack([left, up, np.cross(left, up)], axis=1))
 
 
-def _snapped(vector: F64) -> F64:
+def _snapped(vector: F64, within: float) -> F64:
     """Unit vector; along an axis where it nearly is."""
     unit = _unit(vector)
     axis = int(np.argmax(np.abs(unit)))
     near = np.zeros(3)
     near[axis] = np.sign(unit[axis])
-    return near if float(unit @ near) > np.cos(SNAP_RAD) else unit
+    return near if float(unit @ near) > np.cos(within) else unit
 
 
 def _unit(vector: F64) -> F64:

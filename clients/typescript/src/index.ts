@@ -15,6 +15,7 @@ export { Evaluators } from "./evaluator/evaluators.js";
 export type { StoredAdverb, StoredVerb } from "./evaluator/verb_file.js";
 export type { components, paths } from "./generated/schema.js";
 export { type MapFigures, type MappedVerb, Mapper, type MapperOptions, type RestJoint } from "./mapping/mapper.js";
+export { Standing } from "./mapping/standing.js";
 export * from "./math/kinematics.js";
 export * from "./math/quaternion.js";
 export * from "./rest/client.js";

@@ -189,3 +189,29 @@ def test_a_single_pose_is_the_frame_of_the_motion() -> None:
     one = evaluator("locomotion").pose_of(poses.blend, time_s=poses.time_s[40:41])
     np.testing.assert_allclose(mapper.poses(one).rotations[0], whole.rotations[40], atol=1e-6)
     np.testing.assert_allclose(mapper.poses(one).root[0], whole.root[40], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "axis", [(0.0, np.pi, 0.0), (-0.5 * np.pi, 0.0, 0.0), (0.0, 0.5 * np.pi, 0.0), (0.0, 0.3, 0.0)]
+)
+def test_a_figure_may_face_and_lie_any_way_in_its_file(axis: tuple[float, float, float]) -> None:
+    rig = preset("mixamo")
+    pose = rig.reference.copy()
+    pose[0] = quat.exp(np.array(axis))
+    turned = Rig("turned", rig.skeleton, pose, pose, quat.rotate(pose[0], rig.origin), ground=None)
+    level = Rig("level", rig.skeleton, rig.rest, rig.reference, rig.origin, ground=None)
+    poses = blends("reach", 1)[0]
+    places = []
+    for target in (level, turned):
+        mapper = Mapper.of_verb(evaluator("reach"), Mapping(target))
+        places.append(positions(mapper.sequence(evaluator("reach"), poses, FPS)[0]))
+    np.testing.assert_allclose(places[0], places[1], atol=1e-3)
+
+
+def test_a_root_above_the_hips_carries_them() -> None:
+    rig = preset("unreal")
+    assert rig.skeleton.names[:2] == ("root", "pelvis")
+    for poses, motion, _ in mapped("locomotion", rig):
+        root = fk.forward(motion.root, motion.rotations, motion.skeleton.parents, motion.skeleton.offsets)[0][:, 0]
+        np.testing.assert_allclose(np.abs(root[:, 3]), 1.0, atol=1e-9)
+        assert np.ptp(motion.root[:, 2]) > 0.5 * np.ptp(poses.root[:, 2])

@@ -1,4 +1,4 @@
-import { Bone, Group, Object3D, Quaternion, Vector3 } from "three";
+import { Bone, Group, Object3D, Quaternion, Skeleton, SkinnedMesh, Vector3 } from "three";
 import { expect, test } from "vitest";
 import { POSES, RIGS } from "../../../typescript/src/generated/mapping_vectors";
 import type { Verb } from "../types";
@@ -62,6 +62,26 @@ test("another mapping starts from the rest pose", () => {
   const after = model.places();
   for (const [name, place] of Object.entries(before))
     expect(Math.hypot(...place.map((value, a) => value - (after[name]?.[a] ?? 0)))).toBeLessThan(1e-6);
+});
+
+test("a file whose nodes do not stand is taken in the pose of its skin", () => {
+  const group = scene({ unit: 1 });
+  const bones: Bone[] = [];
+  group.traverse((node) => (node as Bone).isBone && bones.push(node as Bone));
+  const mesh = new SkinnedMesh();
+  group.add(mesh);
+  mesh.bind(new Skeleton(bones));
+  for (const bone of bones)
+    if (bone.name.startsWith("thigh")) bone.quaternion.multiply(new Quaternion(1, 0, 0, 1).normalize());
+  const model = new Model(group, {});
+  model.bind(given.verb as unknown as Verb, {});
+  model.pose(Float32Array.from(given.values[2] as number[]), given.phases[2] as number);
+  const places = model.places();
+  for (const { target } of model.mapper?.rows ?? []) {
+    const wanted = given.places[2]?.[target] as number[];
+    const found = places[rig.names[target] as string] as number[];
+    expect(Math.hypot(...found.map((value, a) => value - (wanted[a] as number)))).toBeLessThan(0.012);
+  }
 });
 
 test("a file without a skeleton is refused", () => {

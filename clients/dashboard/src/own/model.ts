@@ -1,7 +1,7 @@
 /** A character of a GLB or VRM file: its joints at rest, and poses written to its bones. */
 
-import { Mapper, type MapperOptions, type RestJoint } from "adverb-client";
-import { type Bone, type Mesh, Object3D, Quaternion, Vector3 } from "three";
+import { Mapper, type MapperOptions, type RestJoint, Standing } from "adverb-client";
+import { type Bone, type Mesh, Object3D, Quaternion, type SkinnedMesh, Vector3 } from "three";
 import type { Verb } from "../types";
 
 /** Height that decides the unit of a file, m; and heights that are plausible in metres. */
@@ -16,7 +16,7 @@ export class Model {
   readonly nodes: readonly Object3D[];
   readonly names: readonly string[];
   mapper: Mapper | null = null;
-  private readonly joints: RestJoint[];
+  private joints: RestJoint[];
   private readonly bones: Record<string, number>;
   private readonly ground: number | null;
   private readonly rest: { position: Vector3; quaternion: Quaternion }[];
@@ -34,10 +34,6 @@ export class Model {
     this.nodes = jointsOf(scene, new Set(Object.values(human)));
     if (this.nodes.length === 0) throw new Error("This file has no skeleton: its meshes hang on no bones.");
     this.names = unique(this.nodes.map(({ name }) => name));
-    this.rest = this.nodes.map(({ position, quaternion }) => ({
-      position: position.clone(),
-      quaternion: quaternion.clone(),
-    }));
     this.bones = Object.fromEntries(
       Object.entries(human).flatMap(([bone, node]) => {
         const at = this.nodes.indexOf(node);
@@ -47,8 +43,13 @@ export class Model {
     this.object.scale.setScalar(unitOf(this.nodes));
     this.object.updateMatrixWorld(true);
     this.joints = this.nodes.map((node) => this.restOf(node));
+    if (!new Standing(this.joints, this.bones).stands) this.takeBindPose(scene);
     const heights = this.nodes.map((node) => node.getWorldPosition(new Vector3()).y);
     const [low, size] = [Math.min(...heights), Math.max(...heights) - Math.min(...heights)];
+    this.rest = this.nodes.map(({ position, quaternion }) => ({
+      position: position.clone(),
+      quaternion: quaternion.clone(),
+    }));
     this.ground = low >= -0.02 * size && low <= SOLE_SHARE * size ? 0 : null;
   }
 
@@ -94,6 +95,28 @@ export class Model {
     this.object.removeFromParent();
   }
 
+  /** Take the pose in which the skin was bound, where it stands better than the nodes do. */
+  private takeBindPose(scene: Object3D): void {
+    const before = this.nodes.map(({ position, quaternion }) => [position.clone(), quaternion.clone()] as const);
+    const bound = boundRotations(scene);
+    for (const node of this.nodes) {
+      const [own, above] = [bound.get(node), bound.get(node.parent as Object3D)];
+      if (own && above) node.quaternion.copy(above).invert().multiply(own);
+    }
+    this.object.updateMatrixWorld(true);
+    const joints = this.nodes.map((node) => this.restOf(node));
+    if (new Standing(joints, this.bones).stands) {
+      this.joints = joints;
+      return;
+    }
+    this.nodes.forEach((node, k) => {
+      const [position, quaternion] = before[k] as readonly [Vector3, Quaternion];
+      node.position.copy(position);
+      node.quaternion.copy(quaternion);
+    });
+    this.object.updateMatrixWorld(true);
+  }
+
   private restOf(node: Object3D): RestJoint {
     const parent = nearest(node, this.nodes);
     const [place, turn] = [node.getWorldPosition(new Vector3()), node.getWorldQuaternion(new Quaternion())];
@@ -111,6 +134,21 @@ export class Model {
       position: place.toArray(),
     };
   }
+}
+
+/** Rotations of the bones in the space in which their skin was bound. */
+function boundRotations(scene: Object3D): Map<Object3D, Quaternion> {
+  const found = new Map<Object3D, Quaternion>();
+  scene.traverse((node) => {
+    if (!(node as SkinnedMesh).isSkinnedMesh) return;
+    const { bones, boneInverses } = (node as SkinnedMesh).skeleton;
+    bones.forEach((bone, k) => {
+      const turn = new Quaternion();
+      boneInverses[k]?.clone().invert().decompose(new Vector3(), turn, new Vector3());
+      found.set(bone, turn);
+    });
+  });
+  return found;
 }
 
 /** Bones and the nodes that a VRM file names, parents before children; without any, all plain nodes. */

@@ -1,6 +1,7 @@
 import { describe, expect, test } from "vitest";
 import { POSES, RIGS } from "../generated/mapping_vectors.js";
 import { type MappedVerb, Mapper, type RestJoint } from "./mapper.js";
+import { Standing } from "./standing.js";
 import { add, multiply, type Q, rotate, STILL, type V } from "./vector.js";
 
 type Case = (typeof POSES)[number];
@@ -77,4 +78,13 @@ test("a figure without known bones is refused", () => {
   const [first] = POSES as [Case];
   const joints: RestJoint[] = [{ name: "thing", parent: -1, rotation: STILL, position: [0, 0, 0] }];
   expect(() => new Mapper(first.verb as unknown as MappedVerb, joints)).toThrow(/known by name/);
+});
+
+test("a T-pose and an A-pose stand, and a figure that sits does not", () => {
+  for (const given of POSES) expect(new Standing(jointsOf(given)).stands).toBe(true);
+  const joints = jointsOf(POSES[0] as Case);
+  const seated = joints.map((joint) =>
+    joint.name.startsWith("thigh") ? { ...joint, rotation: [-Math.SQRT1_2, 0, 0, Math.SQRT1_2] as const } : joint,
+  );
+  expect(new Standing(seated).stands).toBe(false);
 });

@@ -29,8 +29,11 @@ export interface RestJoint {
   position: V;
 }
 
-/** A body whose up or side is within this angle of an axis faces that axis, cosine. */
-const SNAP = Math.cos(0.35);
+/** A body whose up, and whose side, is within these angles of an axis has that axis, radians. */
+const UP_RAD = 0.35;
+const SIDE_RAD = 0.1;
+/** Least score of a pose that stands. */
+const STANDS = 0.8;
 
 export class Standing {
   readonly roles: Roles;
@@ -81,6 +84,24 @@ export class Standing {
     return found.length > 0 ? found.reduce((a, b) => a + b) / found.length : 1;
   }
 
+  /** Whether legs are straight and down and arms straight and not raised; true for what is no humanoid. */
+  get stands(): boolean {
+    const [leftArm, rightArm] = [this.at("leftUpperArm"), this.at("rightUpperArm")];
+    const [leftLeg, rightLeg] = [this.at("leftUpperLeg"), this.at("rightUpperLeg")];
+    if (!leftArm || !rightArm || !leftLeg || !rightLeg) return true;
+    const up = unit(sub(add(leftArm, rightArm), add(leftLeg, rightLeg)));
+    return ["left", "right"].every((side) => {
+      const along = (a: string, b: string) => {
+        const [from, to] = [this.at(side + a), this.at(side + b)];
+        return from && to ? unit(sub(to, from)) : null;
+      };
+      const legs = [along("UpperLeg", "LowerLeg"), along("LowerLeg", "Foot")];
+      const [upper, lower] = [along("UpperArm", "LowerArm"), along("LowerArm", "Hand")];
+      const isDown = legs.every((leg) => !leg || -dot(leg, up) >= STANDS);
+      return isDown && (!upper || !lower || dot(upper, lower) - Math.max(dot(upper, up), 0) >= STANDS);
+    });
+  }
+
   private body(): Q {
     const pair = (part: string) => [this.at(`left${part}`), this.at(`right${part}`)] as const;
     const pairs = ["UpperLeg", "UpperArm", "Shoulder", "Hand"].map(pair).flatMap(([l, r]) => (l && r ? [[l, r]] : []));
@@ -91,17 +112,17 @@ export class Standing {
     const low = left && right ? middle([left, right]) : middle(first);
     const high = this.at("head") ?? middle(pairs.at(-1) as [V, V]);
     const side = (pairs as [V, V][]).slice(0, 2).reduce<V>((sum, [l, r]) => add(sum, sub(l, r)), [0, 0, 0]);
-    const up = snapped(sub(high, low));
-    const lateral = unit(level(snapped(level(side, up)), up));
+    const up = snapped(sub(high, low), UP_RAD);
+    const lateral = unit(level(snapped(level(side, up), SIDE_RAD), up));
     return ofAxes(lateral, up, cross(lateral, up));
   }
 }
 
-function snapped(vector: V): V {
+function snapped(vector: V, within: number): V {
   const own = unit(vector);
   const axis = own.findIndex((value) => Math.abs(value) === Math.max(...own.map(Math.abs)));
   const near = [0, 1, 2].map((k) => (k === axis ? Math.sign(own[axis] ?? 0) : 0)) as unknown as V;
-  return dot(own, near) > SNAP ? near : own;
+  return dot(own, near) > Math.cos(within) ? near : own;
 }
 
 /** How one target joint moves: between two joints of the source. */

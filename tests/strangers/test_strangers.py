@@ -12,10 +12,15 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from tests.strangers import vrm_files
+from tests.verbs.mapping.rigs import remade
 from verbs import library
 from verbs.io import bvh, motion_files
 from verbs.io.humanoid import bones_of, t_pose
 from verbs.kernels import fk, quat
+from verbs.mapping.embedding import embedded
+from verbs.mapping.mapper import Mapper
+from verbs.mapping.mapping import open_mapping
+from verbs.mapping.presets import preset
 from verbs.motion import Motion
 from verbs.runtime import sequence
 from verbs.runtime.evaluate import Evaluator
@@ -166,3 +171,27 @@ def test_the_validator_reads_a_vrm_animation(motions, tmp_path):
     (tmp_path / "a.glb").write_bytes(motion_files.dump(motions["reach"], "vrma"))
     (report,) = run("validate.mjs", tmp_path / "a.glb")
     assert [row for row in report["issues"]["messages"] if row["severity"] < 2] == []
+
+
+@pytest.mark.parametrize("kind", ["glb", "vrm"])
+def test_a_motion_added_to_the_file_of_its_figure_is_performed_by_three(tmp_path, kind):
+    """A skinned figure in a glb file, and an avatar whose bones rest turned; the file stays valid."""
+    if kind == "glb":
+        rig = remade(preset("mixamo"), scale=0.8, arms=1.1)
+        still = Motion(rig.skeleton, 30.0, np.tile(rig.origin, (2, 1)), np.stack([rig.rest, rig.rest]))
+        (tmp_path / "hero.glb").write_bytes(motion_files.dump(still, "glb"))
+    else:
+        skeleton = library.load("reach").skeleton
+        (tmp_path / "hero.vrm").write_bytes(vrm_files.avatar(skeleton, scale=1.2, limbs=0.9, turned=True))
+    evaluator = Evaluator(library.load("reach"))
+    mapper = Mapper.of_verb(evaluator, open_mapping(str(tmp_path / f"hero.{kind}")))
+    poses = sequence.sequence(evaluator, evaluator.verb.values[:1], 30.0)
+    motion, _ = mapper.sequence(evaluator, poses, 30.0)
+    (tmp_path / "a.glb").write_bytes(embedded(mapper.mapping.rig, motion, name="reach"))
+    (report,) = run("validate.mjs", tmp_path / "a.glb")
+    assert [row for row in report["issues"]["messages"] if row["severity"] < 2] == []
+    times = np.arange(len(motion)) / 30.0
+    found = run("positions_three.mjs", tmp_path / "a.glb", *times[::7])["positions"]
+    places = fk.forward(motion.root, motion.rotations, motion.skeleton.parents, motion.skeleton.offsets)[1][::7]
+    for k, name in enumerate(motion.skeleton.names):
+        np.testing.assert_allclose(found[name], places[:, k], atol=1e-4, err_msg=name)

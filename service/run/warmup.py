@@ -34,6 +34,7 @@ def load_serving() -> None:
     packing.warm()
     kernels.warm()
     catalog.load(None)
+    _load_mappings()
 
 
 @cache
@@ -104,12 +105,12 @@ def main() -> None:
     with subprocess.Popen([sys.executable, "-m", "service.run.warmup", METHODS]):
         _compile_streams()
         load_building()
-        _compile_mappings()
+        _load_mappings()
     load_serving()
 
 
-def _compile_mappings() -> None:
-    """Compile the kernels of poses on other skeletons."""
+def _load_mappings() -> None:
+    """Load or compile the kernels of poses on other skeletons."""
     from verbs import library
     from verbs.mapping.mapper import Mapper
     from verbs.mapping.mapping import of_preset

@@ -1480,7 +1480,7 @@ namespace Adverb
             {
                 double held = double.IsNaN(_lag) ? nowS - _times[0] : _lag;
                 into.ServerTimeS = nowS - held;
-                into.DelayS = held;
+                into.DelayS = DelayS; // the clocks are not compared yet
                 return;
             }
             double target = smallest + DelayS;

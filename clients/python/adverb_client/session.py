@@ -312,8 +312,10 @@ class Session:
         if channel is not None and channel in self.pending:
             self._answer(channel, rejected.error)
             return
-        if known is not None and known.number not in self._layouts:
+        if known is not None and not self._is_open(known.number):
             known.error = rejected.error
+            if isinstance(rejected.error, NotReady):
+                return  # of a repeated `open`; the call that opens the channel repeats it again
         self._emit(rejected)
 
     def _is_open(self, number: int) -> bool:

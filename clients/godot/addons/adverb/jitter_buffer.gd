@@ -129,7 +129,7 @@ func _playhead(now_s):
 	var measured = _lateness.measured()
 	if measured == null or _restart_pending:
 		var lag_s = now_s - _times[0] if is_nan(_lag_s) else _lag_s
-		return [now_s - lag_s, lag_s]
+		return [now_s - lag_s, delay_s()]  # the clocks are not compared yet
 	var target_s = measured[0] + delay_s()
 	if is_nan(_lag_s) or abs(target_s - _lag_s) > SNAP_S:
 		_lag_s = target_s

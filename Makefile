@@ -18,7 +18,7 @@ DASHBOARD_SOURCES := $(wildcard $(addprefix $(DASHBOARD)/,index.html package.jso
 WARM := $(NUMBA_CACHE_DIR)/.warm
 KERNELS := $(shell grep -rl --include='*.py' '^@kernel' verbs service)
 
-.PHONY: help setup serve dashboard dist test check lint types lock generate load bench-streams bench-crowd bench-idle bench-page bench-encodings bench-scaling bench-refine bench chaos reliability fuzz try-image audit sbom licences clean
+.PHONY: help setup serve dashboard dist try-dist test check lint types lock generate load bench-streams bench-crowd bench-idle bench-page bench-encodings bench-scaling bench-refine bench chaos reliability fuzz try-image audit sbom licences clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | sort | expand -t 12
@@ -79,6 +79,9 @@ dist: setup $(PACKAGE)  ## build wheels, the npm package, and archives of the ot
 	@$(if $(HAS_NPM),npm pack --silent --ignore-scripts --pack-destination dist ./$(TYPESCRIPT) >/dev/null,echo "dist: without npm, the npm package is left out")
 	@$(BIN)/python -m tools.dist
 	@ls dist
+
+try-dist: dist  ## install each part of dist into an empty environment, and run its first example there
+	@$(BIN)/python -m tools.try_dist
 
 # Readers of glTF and VRM by others, which the tests compare our files with.
 STRANGERS := tests/strangers

@@ -75,7 +75,7 @@ def install(folder: Path, *wheels: Path) -> Path:
     run(uv, "venv", "-q", "--python", sys.executable, folder / "venv", cwd=folder)
     python = folder / "venv" / "bin" / "python"
     constraints = folder / "constraints.txt"
-    pinned = re.findall(r"^([A-Za-z0-9_.-]+==[^\\s\\\\;]+[^\\\\\n]*)", LOCK.read_text("utf-8"), re.MULTILINE)
+    pinned = re.findall(r"^[A-Za-z0-9_.-]+==[^\\\n]+", LOCK.read_text("utf-8"), re.MULTILINE)  # with their markers
     constraints.write_text("\n".join(row.strip() for row in pinned) + "\n")
     command: list[str | Path] = [uv, "pip", "install", "-q", "--python", python, "-c", constraints, *wheels]
     try:
@@ -97,7 +97,7 @@ def served(programs: Path, folder: Path) -> Iterator[str]:
         process = subprocess.Popen(command, cwd=folder, env=environment, stdout=stream, stderr=stream)
     try:
         end = time.monotonic() + PATIENCE_S
-        while not (found := re.search(r"ready on (http://127\\.0\\.0\\.1:\\d+)", log.read_text("utf-8"))):
+        while not (found := re.search(r"ready on (http://127\.0\.0\.1:\d+)", log.read_text("utf-8"))):
             if process.poll() is not None or time.monotonic() > end:
                 raise Failed(f"the server did not start\n{log.read_text('utf-8')[-3_000:]}")
             time.sleep(0.2)

@@ -20,8 +20,7 @@ from typing import Any
 
 import adverb_blender
 import bpy
-from adverb_blender import armature, ui
-from adverb_blender import rotations as turns
+from adverb_blender import armature, coordinates, ui
 from adverb_blender.example import Clip, positions
 from adverb_blender.rest import Server
 
@@ -59,7 +58,7 @@ def check_live(settings: Any) -> float:
     settings.phase = APEX
     try:
         for x in (-0.1, -0.2, GOAL["x"]):
-            settings.goal.location = turns.to_blender((x, GOAL["y"], GOAL["z"]))
+            settings.goal.location = coordinates.to_blender((x, GOAL["y"], GOAL["z"]))
             end = time.monotonic() + PATIENCE_S
             while True:
                 bpy.context.view_layer.update()
@@ -99,7 +98,7 @@ def check_export(settings: Any, adverb: str, folder: Path) -> Json:
     settings.folder, settings.measured, settings.marker = str(folder), "RightHand", 1
     settings.plant = False  # the built verb has the examples as they are
     for k, row in enumerate(rows):
-        settings.goal.location = turns.to_blender([row["adverbs"][name] for name in "xyz"])
+        settings.goal.location = coordinates.to_blender([row["adverbs"][name] for name in "xyz"])
         bpy.context.view_layer.update()
         settings.target.animation_data_clear()
         check_keys(settings)
@@ -122,7 +121,7 @@ def check_export(settings: Any, adverb: str, folder: Path) -> Json:
     }
 
 
-def _points(verb: Json, pose: Json) -> list[turns.Vector]:
+def _points(verb: Json, pose: Json) -> list[coordinates.Vector]:
     """Joint positions of a pose."""
     skeleton = verb["skeleton"]
     clip = Clip(skeleton["names"], skeleton["parents"], skeleton["offsets"], FPS, [pose["root"]], [pose["rotations"]])
@@ -179,7 +178,7 @@ def read_mm(path: Path, sequence: Json, names: list[str]) -> float:
     for k in range(TIMES):
         frame = round(k * (count - 2) / (TIMES - 1))
         bpy.context.scene.frame_set(first + frame)
-        heads = [turns.from_blender(found.matrix_world @ found.pose.bones[name].head) for name in names]
+        heads = [coordinates.from_blender(found.matrix_world @ found.pose.bones[name].head) for name in names]
         worst = max(worst, distance_mm(heads, sequence["positions"][frame]))
     return worst
 

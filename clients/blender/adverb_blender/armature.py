@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 from mathutils import Quaternion, Vector
 
-from . import rotations as turns
+from . import coordinates
 from .example import Clip
 
 Json = dict[str, Any]
@@ -25,7 +25,7 @@ def build(name: str, skeleton: Json) -> Any:
     bpy.ops.object.mode_set(mode="EDIT")
     heads: list[Vector] = []
     for joint, (title, parent) in enumerate(zip(skeleton["names"], skeleton["parents"], strict=True)):
-        offset = Vector(turns.to_blender(skeleton["offsets"][joint])) if parent >= 0 else Vector((0.0, 0.0, 0.0))
+        offset = Vector(coordinates.to_blender(skeleton["offsets"][joint])) if parent >= 0 else Vector((0.0, 0.0, 0.0))
         heads.append(heads[parent] + offset if parent >= 0 else offset)
         bone = data.edit_bones.new(title)
         bone.head = heads[joint]
@@ -42,7 +42,9 @@ def _limb(skeleton: Json, joint: int) -> Any:
     """From a joint to the middle of its children; upward where there is none."""
     offsets = [skeleton["offsets"][k] for k, parent in enumerate(skeleton["parents"]) if parent == joint]
     mean = Vector(
-        turns.to_blender([sum(axis) / len(offsets) for axis in zip(*offsets, strict=True)] if offsets else [0] * 3)
+        coordinates.to_blender(
+            [sum(axis) / len(offsets) for axis in zip(*offsets, strict=True)] if offsets else [0] * 3
+        )
     )
     return mean if mean.length > SHORTEST_M else Vector((0.0, 0.0, 5 * SHORTEST_M))
 
@@ -52,12 +54,12 @@ def apply(armature: Any, names: list[str], root: list[float], rotations: list[li
     for joint, name in enumerate(names):
         bone = armature.pose.bones[name]
         rest = bone.bone.matrix_local.to_quaternion()
-        x, y, z, w = turns.turn_to_blender(rotations[joint])
+        x, y, z, w = coordinates.rotation_to_blender(rotations[joint])
         local = rest.inverted() @ Quaternion((w, x, y, z)) @ rest
         before = bone.rotation_quaternion
         bone.rotation_quaternion = local if local.dot(before) >= 0.0 else -local
         if joint == 0:
-            bone.location = rest.inverted() @ (Vector(turns.to_blender(root)) - bone.bone.head_local)
+            bone.location = rest.inverted() @ (Vector(coordinates.to_blender(root)) - bone.bone.head_local)
 
 
 def bake(armature: Any, names: list[str], sequence: Json, start: int) -> int:
@@ -74,7 +76,7 @@ def bake(armature: Any, names: list[str], sequence: Json, start: int) -> int:
 
 def points(armature: Any, names: list[str]) -> list[tuple[float, float, float]]:
     """Joint positions of the shown pose, m, in the server's axes and the space of the armature."""
-    return [turns.from_blender(armature.pose.bones[name].head) for name in names]
+    return [coordinates.from_blender(armature.pose.bones[name].head) for name in names]
 
 
 def read(armature: Any, scene: Any, first: int, last: int) -> Clip:
@@ -88,18 +90,18 @@ def read(armature: Any, scene: Any, first: int, last: int) -> Clip:
     offsets = []
     for bone, parent in zip(bones, parents, strict=True):
         head = bone.bone.head_local - (bones[parent].bone.head_local if parent >= 0 else Vector((0, 0, 0)))
-        offsets.append(turns.from_blender(size * head))
+        offsets.append(coordinates.from_blender(size * head))
     turn = armature.matrix_world.to_quaternion()
     roots, rotations = [], []
     for frame in range(first, last + 1):
         scene.frame_set(frame)
         globals_ = [turn @ bone.matrix.to_quaternion() @ _rest(bone).inverted() for bone in bones]
-        roots.append(turns.from_blender(armature.matrix_world @ bones[parents.index(-1)].head))
+        roots.append(coordinates.from_blender(armature.matrix_world @ bones[parents.index(-1)].head))
         local = [
             value if parent < 0 else globals_[parent].inverted() @ value
             for value, parent in zip(globals_, parents, strict=True)
         ]
-        rotations.append([turns.turn_from_blender((value.x, value.y, value.z, value.w)) for value in local])
+        rotations.append([coordinates.rotation_from_blender((value.x, value.y, value.z, value.w)) for value in local])
     fps = scene.render.fps / scene.render.fps_base
     return Clip([bone.name for bone in bones], parents, offsets, fps, roots, rotations)
 

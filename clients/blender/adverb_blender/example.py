@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .rotations import Turn, Vector, multiply, rotate, zxy
+from .coordinates import Quaternion, Vector, multiply, rotate, zxy
 
 __all__ = ["Clip", "bvh", "example_lines", "keytimes_of", "positions", "save_example"]
 
@@ -38,21 +38,21 @@ class Clip:
     offsets: list[Vector]
     fps: float
     roots: list[Vector]
-    rotations: list[list[Turn]]
+    rotations: list[list[Quaternion]]
 
 
 def positions(clip: Clip, frame: int) -> list[Vector]:
     """Joint positions of a frame, m."""
-    turns: list[Turn] = []
+    global_rotations: list[Quaternion] = []
     found: list[Vector] = []
     for joint, parent in enumerate(clip.parents):
         local = clip.rotations[frame][joint]
         if parent < 0:
-            turns.append(local)
+            global_rotations.append(local)
             found.append(clip.roots[frame])
             continue
-        turns.append(multiply(turns[parent], local))
-        x, y, z = rotate(turns[parent], clip.offsets[joint])
+        global_rotations.append(multiply(global_rotations[parent], local))
+        x, y, z = rotate(global_rotations[parent], clip.offsets[joint])
         found.append((found[parent][0] + x, found[parent][1] + y, found[parent][2] + z))
     return found
 
@@ -62,8 +62,8 @@ def bvh(clip: Clip) -> str:
     lines = ["HIERARCHY"]
     order = _write_joint(clip, 0, 0, lines)
     lines += ["MOTION", f"Frames: {len(clip.roots)}", f"Frame Time: {1.0 / clip.fps:.9f}"]
-    for root, turns in zip(clip.roots, clip.rotations, strict=True):
-        numbers = [*root, *(angle for joint in order for angle in zxy(turns[joint]))]
+    for root, local in zip(clip.roots, clip.rotations, strict=True):
+        numbers = [*root, *(angle for joint in order for angle in zxy(local[joint]))]
         lines.append(" ".join(f"{number:.7f}" for number in numbers))
     return "\n".join(lines) + "\n"
 

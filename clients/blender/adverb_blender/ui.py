@@ -5,8 +5,7 @@ from pathlib import Path
 
 import bpy
 
-from . import armature, example
-from . import rotations as turns
+from . import armature, coordinates, example
 from .live import Goal, LivePoses
 from .rest import Server, ServerError
 
@@ -60,7 +59,7 @@ def adverbs_of(settings):
     names = [row.name for row in settings.adverbs]
     if settings.goal is not None and names == ["x", "y", "z"]:
         point = settings.target.matrix_world.inverted() @ settings.goal.matrix_world.translation
-        return dict(zip(names, turns.from_blender(point), strict=True))
+        return dict(zip(names, coordinates.from_blender(point), strict=True))
     return {row.name: row.value for row in settings.adverbs}
 
 
@@ -103,7 +102,7 @@ class ADVERB_OT_create(_Call):
         if [row["name"] for row in verb["adverbs"]] == ["x", "y", "z"]:
             empty = bpy.data.objects.new("Adverb goal", None)
             empty.empty_display_size = 0.05
-            empty.location = turns.to_blender([row.value for row in settings.adverbs])
+            empty.location = coordinates.to_blender([row.value for row in settings.adverbs])
             bpy.context.collection.objects.link(empty)
             settings.goal = empty
         return {"FINISHED"}

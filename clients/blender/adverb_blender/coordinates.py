@@ -13,15 +13,15 @@ __all__ = [
     "from_blender",
     "multiply",
     "rotate",
+    "rotation_from_blender",
+    "rotation_to_blender",
     "to_blender",
-    "turn_from_blender",
-    "turn_to_blender",
     "zxy",
 ]
 
 Numbers = Sequence[float]
 Vector = tuple[float, float, float]
-Turn = tuple[float, float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 
 def to_blender(point: Numbers) -> Vector:
@@ -34,17 +34,17 @@ def from_blender(point: Numbers) -> Vector:
     return (point[0], point[2], -point[1])
 
 
-def turn_to_blender(turn: Numbers) -> Turn:
+def rotation_to_blender(rotation: Numbers) -> Quaternion:
     """A rotation of the server in Blender's axes."""
-    return (*to_blender(turn[:3]), turn[3])
+    return (*to_blender(rotation[:3]), rotation[3])
 
 
-def turn_from_blender(turn: Numbers) -> Turn:
+def rotation_from_blender(rotation: Numbers) -> Quaternion:
     """A rotation of Blender in the server's axes."""
-    return (*from_blender(turn[:3]), turn[3])
+    return (*from_blender(rotation[:3]), rotation[3])
 
 
-def multiply(a: Numbers, b: Numbers) -> Turn:
+def multiply(a: Numbers, b: Numbers) -> Quaternion:
     """The rotation by ``b``, then by ``a``."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
@@ -56,7 +56,7 @@ def multiply(a: Numbers, b: Numbers) -> Turn:
     )
 
 
-def conjugate(a: Numbers) -> Turn:
+def conjugate(a: Numbers) -> Quaternion:
     """The inverse of a unit quaternion."""
     return (-a[0], -a[1], -a[2], a[3])
 
@@ -67,9 +67,9 @@ def rotate(a: Numbers, v: Numbers) -> Vector:
     return (x, y, z)
 
 
-def zxy(turn: Numbers) -> Vector:
+def zxy(rotation: Numbers) -> Vector:
     """Angles about Z, X, Y, degrees, of the rotation Z · X · Y, as channels of BVH."""
-    x, y, z, w = turn
+    x, y, z, w = rotation
     sine = max(-1.0, min(1.0, 2.0 * (y * z + x * w)))
     if abs(sine) > 1.0 - 1e-12:  # X is ±90°: Y and Z have the same axis
         return (math.degrees(2.0 * math.atan2(z, w)), math.degrees(math.asin(sine)), 0.0)

@@ -69,6 +69,9 @@ def measure(streams: int) -> Idle:
                 wait_for(server, streams)
                 each = (server.rss_mib() - before) * 1024**2 / 1000 / streams
             wait_for(server, 0)
+            end = time.monotonic() + PATIENCE_S  # the last request for metrics may still have its connection
+            while server.files() > files and time.monotonic() < end:
+                time.sleep(0.05)
             return Idle(streams, each, files, server.files())
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

@@ -124,6 +124,19 @@ test("without new frames the motion is extrapolated and then stops", () => {
   expect(x(5000)).toBeCloseTo(1 + EXTRAPOLATE_MS / 1000, 3);
 });
 
+test("displayed time goes on between a reconnection and its first message", () => {
+  const lateness = new Lateness();
+  const buffer = new JitterBuffer(lateness);
+  buffer.reset(1);
+  for (let k = 0; k <= 60; k++) {
+    lateness.add(k * STEP + 5, k * STEP);
+    buffer.push(frameAt(k * STEP));
+  }
+  const before = buffer.shownMs(1000);
+  lateness.clear();
+  expect(buffer.shownMs(1010)).toBeCloseTo(before + 10, 6);
+});
+
 test("a discontinuity is cross-faded in 160 ms from its due time", () => {
   const { buffer, arrive } = rig();
   const out = new Float32Array(7);

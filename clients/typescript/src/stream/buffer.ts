@@ -141,9 +141,13 @@ export class JitterBuffer {
     return this.past(this.frames[at - 2], a, shownMs - a.dueMs, out);
   }
 
-  /** Instant on the server's clock that is displayed at a local time; NaN before the first message. */
+  /**
+   * Instant on the server's clock that is displayed at a local time; NaN before the first message.
+   * Between a reconnection and its first message the delay stays as it was.
+   */
   shownMs(nowMs: number): number {
-    const target = this.lateness.groundMs + this.delayMs;
+    const measured = this.lateness.groundMs + this.delayMs;
+    const target = Number.isNaN(measured) ? this.lagMs : measured;
     if (Number.isNaN(target)) return this.frames[0]?.dueMs ?? Number.NaN;
     const passed = nowMs - this.sampledMs;
     if (Number.isNaN(this.lagMs) || Math.abs(target - this.lagMs) > SNAP_MS) this.lagMs = target;

@@ -142,6 +142,7 @@ export class FigureStream {
 
   /** Evaluate the characters of slots from `count` up to `most`; returns the number of leading slots with a pose. */
   private evaluate(shownMs: number, count: number, most: number, poses: Float32Array): number {
+    if (Number.isNaN(shownMs)) return count;
     const length = poseLength(this.joints);
     for (let slot = count; slot < most; slot++) {
       const out = poses.subarray(slot * length, (slot + 1) * length);

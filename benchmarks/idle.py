@@ -31,12 +31,12 @@ FILES = 2_000
 
 @dataclass(frozen=True, slots=True)
 class Idle:
-    """Result: number of streams, memory of each in bytes of 1,000 to the kB, and descriptors left after they closed."""
+    """Number of streams, memory of each in bytes of 1,000 to the kB, and open sockets before and after them."""
 
     streams: int
     kb_each: float
-    files_before: int
-    files_after: int
+    sockets_before: int
+    sockets_after: int
 
 
 def measure(streams: int) -> Idle:
@@ -62,7 +62,7 @@ def measure(streams: int) -> Idle:
                     stack.enter_context(stream(server))
                 wait_for(server, 20)
             wait_for(server, 0)
-            files, before = server.files(), server.rss_mib()
+            sockets, before = server.sockets(), server.rss_mib()
             with ExitStack() as stack:
                 for _ in range(streams):
                     stack.enter_context(stream(server))
@@ -70,9 +70,9 @@ def measure(streams: int) -> Idle:
                 each = (server.rss_mib() - before) * 1024**2 / 1000 / streams
             wait_for(server, 0)
             end = time.monotonic() + PATIENCE_S  # the last request for metrics may still have its connection
-            while server.files() > files and time.monotonic() < end:
+            while server.sockets() > sockets and time.monotonic() < end:
                 time.sleep(0.05)
-            return Idle(streams, each, files, server.files())
+            return Idle(streams, each, sockets, server.sockets())
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
@@ -120,7 +120,7 @@ def main() -> None:
     found = measure(parser.parse_args().streams)
     print(
         f"{found.streams:,} idle streams: {found.kb_each:.1f} kB each (goal < 40 kB); "
-        f"open files {found.files_before} before, {found.files_after} after they were closed"
+        f"open sockets {found.sockets_before} before, {found.sockets_after} after they were closed"
     )
 
 

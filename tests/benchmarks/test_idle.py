@@ -13,4 +13,4 @@ def test_idle_streams_need_less_than_40_kb_each():
         pytest.skip(f"the system allows {hard} open files only (ulimit -n)")
     found = idle.measure(1_000)
     assert found.kb_each < 40.0
-    assert found.files_after <= found.files_before
+    assert found.sockets_after <= found.sockets_before

@@ -13,7 +13,7 @@ from verbs.conventions import F64, I64
 from verbs.kernels import quat
 from verbs.skeleton import Skeleton
 
-__all__ = ["BONES", "REQUIRED", "bones_of", "missing", "t_pose"]
+__all__ = ["BONES", "REQUIRED", "bones_above", "bones_of", "missing", "t_pose"]
 
 _CENTER = {
     "hips": "Hips", "spine": "Spine", "chest": "Spine1", "upperChest": "Spine2", "neck": "Neck", "head": "Head",
@@ -59,6 +59,18 @@ def bones_of(skeleton: Skeleton) -> dict[str, int]:
 def missing(bones: dict[str, int]) -> list[str]:
     """Required bones that a map of bones lacks, each with the joint that would be taken."""
     return [f"{bone} ({BONES[bone]})" for bone in REQUIRED if bone not in bones]
+
+
+def bones_above(parents: list[int], joints: list[int]) -> list[int]:
+    """For each joint of a list, the place in the list of the next joint above it; -1 for the root."""
+    place = {joint: k for k, joint in enumerate(joints)}
+    above = []
+    for joint in joints:
+        parent = parents[joint]
+        while parent >= 0 and parent not in place:
+            parent = parents[parent]
+        above.append(place.get(parent, -1))
+    return above
 
 
 def t_pose(skeleton: Skeleton, bones: dict[str, int]) -> F64:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from verbs.conventions import F64
 from verbs.errors import OutOfRange, RequestError
-from verbs.io.humanoid import bones_of, missing, t_pose
+from verbs.io.humanoid import bones_above, bones_of, missing, t_pose
 from verbs.kernels import pose, quat
 from verbs.skeleton import Skeleton
 
@@ -108,7 +108,7 @@ class VmcPackets:
         order = sorted(bones.items(), key=lambda row: row[1])
         self._skeleton = skeleton
         self._joints = np.array([joint for _, joint in order])
-        self._above = np.array(_bones_above(skeleton.parents.tolist(), self._joints.tolist()))
+        self._above = np.array(bones_above(skeleton.parents.tolist(), self._joints.tolist()))
         self._back = quat.conjugate(t_pose(skeleton, bones)[self._joints])
         self.bones = tuple(unity_name(bone) for bone, _ in order)
         self._values = np.zeros((1 + len(order), 7))
@@ -146,18 +146,6 @@ class VmcPackets:
 
 _UNITY = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
 """Signs of position and rotation where the x axis points the other way."""
-
-
-def _bones_above(parents: list[int], joints: list[int]) -> list[int]:
-    """For each joint of a list, the place in the list of the next joint above it; -1 for the root."""
-    place = {joint: k for k, joint in enumerate(joints)}
-    above = []
-    for joint in joints:
-        parent = parents[joint]
-        while parent >= 0 and parent not in place:
-            parent = parents[parent]
-        above.append(place.get(parent, -1))
-    return above
 
 
 def _text(value: str) -> bytes:

@@ -22,7 +22,7 @@ from verbs.conventions import F64
 from verbs.errors import RequestError
 from verbs.io.glb import GlbBuilder, Row
 from verbs.io.gltf_writer import add_animation
-from verbs.io.humanoid import bones_of, missing, t_pose
+from verbs.io.humanoid import bones_above, bones_of, missing, t_pose
 from verbs.kernels import fk, quat
 from verbs.motion import Motion
 from verbs.skeleton import Skeleton
@@ -58,7 +58,7 @@ def dump(motion: Motion, *, name: str = "motion", extras: Mapping[str, Any] | No
         raise RequestError(f"the hips of a VRM humanoid are its root, which is '{skeleton.names[0]:.60}' here")
     order = sorted(bones.items(), key=lambda row: row[1])
     joints = [joint for _, joint in order]
-    above = _bones_above(skeleton.parents.tolist(), joints)
+    above = bones_above(skeleton.parents.tolist(), joints)
     turned = t_pose(skeleton, bones)
     rest = _rest_places(skeleton, turned)
     builder = GlbBuilder({**(extras or {}), "fps": motion.fps})
@@ -84,18 +84,6 @@ def _add_nodes(builder: GlbBuilder, names: list[str], above: list[int], places: 
         row: Row = {"name": name, "translation": place.tolist(), "rotation": turn.tolist()}
         children = [child for child, other in enumerate(above) if other == k]
         builder.add("nodes", row | ({"children": children} if children else {}))
-
-
-def _bones_above(parents: list[int], joints: list[int]) -> list[int]:
-    """For each joint of a list, the place in the list of the next joint above it; -1 for the root."""
-    place = {joint: k for k, joint in enumerate(joints)}
-    above = []
-    for joint in joints:
-        parent = parents[joint]
-        while parent >= 0 and parent not in place:
-            parent = parents[parent]
-        above.append(place.get(parent, -1))
-    return above
 
 
 def _rest_places(skeleton: Skeleton, turned: F64) -> F64:

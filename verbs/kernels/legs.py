@@ -29,6 +29,7 @@ from verbs.kernels.one_leg import (
     smooth,
     triple,
 )
+from verbs.kernels.soft_limits import above_zero, limited
 from verbs.kernels.vectors import about, inverse, mul, rotate
 
 __all__ = [
@@ -99,26 +100,6 @@ class Legs(NamedTuple):
 
 
 @kernel
-def _above(value: float, soft: float) -> float:
-    """max(0, value), smooth within ``soft``, and 0 below."""
-    if value <= -soft:
-        return 0.0
-    if value >= soft:
-        return value
-    return (value + soft) * (value + soft) / (4.0 * soft)
-
-
-@kernel
-def _limited(value: float, most: float) -> float:
-    """A number of magnitude below ``most``: unchanged up to a half of it, and smooth."""
-    size, half = abs(value), 0.5 * most
-    if size <= half:
-        return value
-    size = most - half * half / size  # the same value and slope at one half
-    return size if value > 0.0 else -size
-
-
-@kernel
 def plant(root: Any, rotations: Any, commands: F64, legs: Legs, pose: F64) -> None:
     """Put the feet of one pose, in place.
 
@@ -145,12 +126,12 @@ def plant(root: Any, rotations: Any, commands: F64, legs: Legs, pose: F64) -> No
             share = max(share, commands[f, PELVIS])
     if not needed:
         return
-    shift = share * _limited(shift / max(total, 1.0), LOWEST_M)
+    shift = share * limited(shift / max(total, 1.0), LOWEST_M)
     sink = 0.0
     for f in range(commands.shape[0]):
         if pose[f, 0] > 0.0:
             sink = max(sink, commands[f, 0] * _missing(pose[f], shift, commands[f, GIVE]))
-    shift -= share * _limited(sink, LOWEST_M)
+    shift -= share * limited(sink, LOWEST_M)
     if shift != 0.0:
         root[1] += shift
     for f in range(commands.shape[0]):
@@ -232,7 +213,7 @@ def _turn(foot: Any, side: F64, command: F64) -> tuple[float, float, float]:
         return 0.0, ex, ez
     angle = np.arctan2(command[7] * ez - command[8] * ex, command[7] * ex + command[8] * ez)
     sure = min(2.0 * size, 1.0)  # a foot on its side has no direction
-    return _limited(angle, MOST_YAW) * command[0] * sure * sure, ex, ez
+    return limited(angle, MOST_YAW) * command[0] * sure * sure, ex, ez
 
 
 @kernel
@@ -255,7 +236,7 @@ def _bend(tip: Any, higher: float, command: F64, ex: float, ez: float) -> Any:
     if command[0] * command[11] > 0.0:
         tx, tz = command[5] - command[3], command[6] - command[4]
         angle = np.arctan2(tx * tip[2] - tz * tip[0], tx * tip[0] + tz * tip[2])
-        turn = about(0.0, 1.0, 0.0, _limited(angle, MOST_YAW) * command[0] * command[11])
+        turn = about(0.0, 1.0, 0.0, limited(angle, MOST_YAW) * command[0] * command[11])
         bend, changed = mul(turn, bend), True
     return bend, changed
 
@@ -269,7 +250,7 @@ def _pull(command: F64, known: I64, x: float, z: float, heel: Any, ball: Any, ti
     pz = wh * (command[2] - z - heel[2]) + wb * (command[4] - z - ball[2]) + wt * (command[6] - z - tip[2])
     px, pz = px / (wh + wb + wt), pz / (wh + wb + wt)
     size = np.sqrt(px * px + pz * pz)
-    scale = command[0] * (_limited(size, FAR_M) / size if size > 1e-9 else 1.0)
+    scale = command[0] * (limited(size, FAR_M) / size if size > 1e-9 else 1.0)
     return scale * px, scale * pz
 
 
@@ -279,7 +260,7 @@ def _height(y: float, wanted: float, ground: float, contact: float) -> float:
     above = y + contact * (wanted - y) - ground
     if above >= SOFT_M:
         return y if contact <= 0.0 else ground + above
-    return ground + _above(above, SOFT_M)
+    return ground + above_zero(above, SOFT_M)
 
 
 @kernel
@@ -308,4 +289,4 @@ def _missing(out: F64, shift: float, soft: float) -> float:
     limit = _free(out)
     room = limit * limit - (out[23] - out[2]) ** 2 - (out[25] - out[4]) ** 2
     lowest = np.sqrt(room) if room > 0.01 * limit * limit else 0.1 * limit
-    return _above(out[3] + shift - out[24] - lowest, soft)
+    return above_zero(out[3] + shift - out[24] - lowest, soft)

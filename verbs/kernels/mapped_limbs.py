@@ -13,6 +13,7 @@ from verbs.conventions import F64, I64
 from verbs.kernels.compile import kernel
 from verbs.kernels.one_leg import bend_leg, find_leg, get, smooth
 from verbs.kernels.polish import polish
+from verbs.kernels.soft_limits import above_zero, limited
 from verbs.kernels.vectors import arc, inverse, mul, rotate
 
 __all__ = [
@@ -32,13 +33,11 @@ __all__ = [
     "Driven",
     "Reach",
     "Soles",
-    "above_zero",
     "bend",
     "carried",
     "forward",
     "heights",
     "lean",
-    "limited",
     "lowest",
     "missing_m",
     "placed",
@@ -202,23 +201,6 @@ class Reach(NamedTuple):
     chain: I64
     hinge: F64
     spine: I64
-
-
-@kernel
-def above_zero(value: float, soft: float) -> float:
-    """max(0, value), smooth within ``soft``, and 0 below."""
-    if value <= -soft:
-        return 0.0
-    if value >= soft:
-        return value
-    return (value + soft) * (value + soft) / (4.0 * soft)
-
-
-@kernel
-def limited(value: float, most: float) -> float:
-    """A number of 0 or more, below ``most``: unchanged up to a half of it, and smooth."""
-    half = 0.5 * most
-    return value if value <= half else most - half * half / value
 
 
 @kernel

@@ -33,7 +33,6 @@ from verbs.kernels.mapped_limbs import (
     Driven,
     Reach,
     Soles,
-    above_zero,
     bend,
     carried,
     forward,
@@ -50,6 +49,7 @@ from verbs.kernels.mapped_limbs import (
     within,
 )  # fmt: skip
 from verbs.kernels.one_leg import SCRATCH, get, smooth
+from verbs.kernels.soft_limits import above_zero
 from verbs.kernels.vectors import inverse, mul, rotate
 
 __all__ = ["map_poses"]

@@ -15,6 +15,9 @@ import numpy.typing as npt
 
 __all__ = ["Goals", "RequestError", "base_of", "fetch"]
 
+ANSWER_S = 10.0
+"""Time in which a server has to answer."""
+
 STEPS = 1_024
 PER_EXAMPLE = 16
 """Steps from one example to the next."""
@@ -34,10 +37,11 @@ def base_of(url: str) -> str:
     return f"{scheme}://{parts.netloc}"
 
 
-def fetch(base: str, path: str, *, timeout_s: float = 10.0) -> dict[str, Any]:
+def fetch(base: str, path: str, *, headers: Mapping[str, str] | None = None) -> dict[str, Any]:
     """A JSON response of the server; raises :class:`RequestError`."""
+    request = urllib.request.Request(base + path, headers=dict(headers or {}))
     try:
-        with urllib.request.urlopen(base + path, timeout=timeout_s) as response:
+        with urllib.request.urlopen(request, timeout=ANSWER_S) as response:
             found: dict[str, Any] = json.load(response)
             return found
     except urllib.error.HTTPError as err:

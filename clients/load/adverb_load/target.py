@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import ipaddress
-import json
-import urllib.error
-import urllib.request
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote, urlsplit
@@ -14,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adverb_load.effector import Effector
-from adverb_load.goals import Goals, RequestError
+from adverb_load.goals import Goals, RequestError, fetch
 
 __all__ = ["Target", "VerbInfo", "is_loopback"]
 
@@ -92,16 +89,7 @@ class Target:
 
     def fetch(self, path: str) -> dict[str, Any]:
         """A JSON response; raises :class:`RequestError`."""
-        request = urllib.request.Request(self.url + path, headers=self.headers)
-        try:
-            with urllib.request.urlopen(request, timeout=10.0) as response:
-                found: dict[str, Any] = json.load(response)
-                return found
-        except urllib.error.HTTPError as err:
-            content = err.read(4_096).decode("utf-8", "replace")
-            raise RequestError(f"GET {path}: status {err.code}: {content}") from err
-        except (OSError, ValueError) as err:
-            raise RequestError(f"no server responds at {self.url}: {err}") from err
+        return fetch(self.url, path, headers=self.headers)
 
     def verb(self, name: str) -> VerbInfo:
         """The description of a verb, requested once; raises :class:`RequestError`."""

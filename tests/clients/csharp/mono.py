@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +41,22 @@ def run(program: Path, *arguments: str) -> Any:
     return json.loads(done.stdout)
 
 
-class Driver(driver.Driver):
-    """The program ``Driver.cs``."""
+def fields_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of ``OpenOptions`` by their names in C#."""
+    return {name.title().replace("_", ""): value for name, value in options.items()}
 
-    def __init__(self, program: Path, server: str, verb: str = "arm3", **settings: Any) -> None:
-        super().__init__(["mono", str(program), "stream", json.dumps({"server": server, "verb": verb, **settings})])
+
+class Driver(driver.Driver):
+    """The program ``Driver.cs``. Options have the names of the wire."""
+
+    def __init__(
+        self, program: Path, server: str, verb: str = "arm3", options: Mapping[str, Any] | None = None, **settings: Any
+    ) -> None:
+        content = {"server": server, "verb": verb, "options": fields_of(options or {}), **settings}
+        super().__init__(["mono", str(program), "stream", json.dumps(content)])
+
+    def send(self, command: str, **fields: Any) -> None:
+        super().send(command, **({"options": fields_of(fields)} if command == "set" else fields))
 
     def stats(self) -> dict[str, Any]:
         """Counters of the stream."""

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import socket
 from contextlib import ExitStack
-from types import MappingProxyType
 
 import numpy as np
 import pytest
 
-from service.catalog.catalog import Catalog, Entry
+from tests.clients.channel_tests import GOAL, HELD, WRONG_KEY, ChannelTests, near, unused_port
 from tests.clients.csharp.mono import Driver, run
 from tests.clients.python.served import serve
-from tests.service.stream.conftest import Server
-
-GOAL = {"x": 0.5, "y": 0.2}
-HELD = {"Adverbs": GOAL, "Play": False, "Phase": 0.5, "HalfLife": 0.0}
-WRONG_KEY = "adv_0123456789abcdef_" + "A" * 43
 
 
 @pytest.fixture
@@ -27,14 +20,8 @@ def drive(program, address):
     return lambda url=address, verb="arm3", **settings: Driver(program, url, verb, **settings)
 
 
-def near(row, goal, tolerance_m=1e-4):
-    """Whether the hand is on its goal; a paused character follows it."""
-    return np.abs(np.subtract(row["positions"][-3:], (goal["x"], goal["y"], 0.0))).max() < tolerance_m
-
-
-def unused_port():
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return free.getsockname()[1]
+class TestChannel(ChannelTests):
+    pass
 
 
 # --- REST and evaluator ---
@@ -85,11 +72,11 @@ def test_a_thousand_random_poses_are_those_of_the_server(program, all_verbs):
 def test_streamed_poses_are_those_of_the_server(drive, all_verbs, encoding, tolerance_m):
     entry = all_verbs.entries["reach"]
     at = {"x": -0.3, "y": 1.2, "z": 0.4}
-    options = {"Adverbs": at, "Play": False, "Phase": 0.25, "Encoding": encoding, "Plant": False, "Method": "rbf"}
+    options = {"adverbs": at, "play": False, "phase": 0.25, "encoding": encoding, "plant": False, "method": "rbf"}
     poses = entry.evaluator.pose([at], method="rbf", phase=0.25, plant=False)
     expected = entry.evaluator.positions(poses)[1][0]
     for frame, mirror in (("gltf", 1.0), ("unity", -1.0)):
-        with drive(verb="reach", options={**options, "Frame": frame}) as driver:
+        with drive(verb="reach", options={**options, "frame": frame}) as driver:
             row = driver.until("pose", lambda row: row["number"] > 3)
             found = np.reshape(row["positions"], (-1, 3)) * (mirror, 1.0, 1.0)
             assert np.linalg.norm(found - expected, axis=1).max() <= tolerance_m
@@ -99,26 +86,18 @@ def test_streamed_poses_are_those_of_the_server(drive, all_verbs, encoding, tole
 def test_poses_become_those_of_unity(program, drive):
     values = {}
     for frame in ("gltf", "unity"):
-        with drive(verb="reach", options={"Play": False, "Phase": 0.25, "Frame": frame}) as driver:
+        with drive(verb="reach", options={"play": False, "phase": 0.25, "frame": frame}) as driver:
             values[frame] = driver.until("pose", lambda row: row["number"] > 3)["values"]
     found = run(program, "flip", json.dumps(values["gltf"]))
     np.testing.assert_allclose(found, values["unity"], atol=1e-6)
     assert np.abs(np.subtract(found, values["gltf"])).max() > 0.01
 
 
-def test_streamed_weights_sum_to_one(drive):
-    with drive(options={**HELD, "Encoding": "weights", "Support": True}) as driver:
-        row = driver.until("pose")
-        assert len(row["values"]) == 9
-        assert sum(row["values"]) == pytest.approx(1.0, abs=1e-5)
-        assert 0.0 <= row["support"] <= 1.0
-
-
 def test_a_character_follows_its_goal(drive):
     with drive(options=HELD) as driver:
         assert driver.until("opened")["name"] == "arm3"
         driver.until("pose", lambda row: near(row, GOAL))
-        driver.send("set", options={"Adverbs": {"y": 0.3}})
+        driver.send("set", adverbs={"y": 0.3})
         driver.until("pose", lambda row: near(row, {"x": 0.5, "y": 0.3}))
         driver.send("aim", adverbs=[0.4, 0.1])
         driver.until("pose", lambda row: near(row, {"x": 0.4, "y": 0.1}))
@@ -130,15 +109,8 @@ def test_a_character_follows_its_goal(drive):
         assert driver.process.wait(30) == 0
 
 
-def test_keytimes_and_the_end_are_events(drive):
-    with drive(options={"Adverbs": GOAL, "Loop": False, "Phase": 0.4, "Speed": 3.0}) as driver:
-        assert driver.until("keytime")["channel"] == 0
-        assert driver.until("end")["channel"] == 0
-        assert driver.until("pose", lambda row: row["phase"] > 0.999)
-
-
 def test_a_byte_budget_is_reported(drive):
-    with drive(options={"Adverbs": GOAL}) as driver:
+    with drive(options={"adverbs": GOAL}) as driver:
         driver.send("view", position=[0.0, 1.0, 2.0], budget=50)
         assert driver.until("stats", lambda row: "fields" in row)["fields"]["budget_kbps"] == 50
 
@@ -156,10 +128,10 @@ def test_unknown_names_are_errors(drive):
     with drive(verb="arm4") as driver:
         assert driver.until("failed")["code"] == "unknown_verb"
         assert driver.process.wait(30) == 1
-    with drive(options={"Adverbs": {"w": 1.0}}) as driver:
+    with drive(options={"adverbs": {"w": 1.0}}) as driver:
         assert driver.until("failed")["code"] == "unknown_adverb"
     with drive(options=HELD) as driver:
-        driver.send("set", options={"Fps": 500})
+        driver.send("set", fps=500)
         assert driver.until("error")["error"]["code"] in ("out_of_range", "bad_message")
         driver.until("pose", lambda row: near(row, GOAL))
 
@@ -182,75 +154,3 @@ def test_a_wrong_key_is_an_error_and_a_revoked_one_ends_the_stream(program, driv
         assert driver.until("lost")["close_code"] == 4401
         assert driver.until("closed")["error"]["code"] == "unauthenticated"
         assert driver.process.wait(30) == 0
-
-
-def test_a_new_version_continues_the_motion(all_verbs, drive):
-    entry = all_verbs.entries["arm3"]
-    server = Server(Catalog(MappingProxyType({"arm3": entry}), ())).start()
-    try:
-        with drive(f"http://127.0.0.1:{server.port}") as driver:
-            assert driver.until("pose")["version"] == 1
-            newer = Catalog(MappingProxyType({"arm3": Entry.of_verb(entry.verb, path=entry.path, version=2)}), ())
-            server.call(server.state.set_catalog, newer)
-            assert driver.until("version")["version"] == 2
-            driver.until("pose", lambda row: row["version"] == 2)
-    finally:
-        server.stop()
-
-
-# --- networks ---
-
-
-def test_a_connection_that_is_cut_is_resumed(proxy, drive):
-    with drive(proxy.url, options=HELD) as driver:
-        driver.until("pose", lambda row: near(row, GOAL))
-        for x in (0.45, 0.4, 0.35):
-            proxy.cut()
-            driver.until("lost")
-            driver.send("set", options={"Adverbs": {"x": x}})
-            assert driver.until("restored")["resumed"]
-            driver.until("pose", lambda row, x=x: near(row, {**GOAL, "x": x}))
-        stats = driver.stats()
-        assert (stats["reconnects"], stats["resumes"], stats["decode_errors"]) == (3, 3, 0)
-
-
-def test_another_server_gets_the_channels_again(server, proxy, drive):
-    other = Server(Catalog(MappingProxyType({"arm3": server.state.current().entries["arm3"]}), ())).start()
-    try:
-        with drive(proxy.url, options=HELD) as driver:
-            driver.until("pose", lambda row: near(row, GOAL))
-            driver.send("aim", adverbs=[0.4, 0.1])
-            driver.until("pose", lambda row: near(row, {"x": 0.4, "y": 0.1}))
-            proxy.target = other.port
-            proxy.cut()
-            assert not driver.until("restored")["resumed"]
-            number = driver.until("pose")["number"]
-            row = driver.until("pose", lambda row: row["number"] > number + 5)
-            assert near(row, {"x": 0.4, "y": 0.1})
-            driver.send("aim", adverbs=[0.5, 0.2])
-            driver.until("pose", lambda row: near(row, GOAL))
-    finally:
-        other.stop()
-
-
-def test_a_silent_network_is_noticed_and_survived(proxy, drive):
-    with drive(proxy.url, silence=2.5, options={"Adverbs": GOAL}) as driver:
-        driver.until("pose")
-        proxy.stall()
-        driver.until("pose", lambda row: row["held"])
-        driver.until("lost")
-        proxy.resume()
-        driver.until("restored")
-        number = driver.until("pose")["number"]
-        driver.until("pose", lambda row: row["number"] > number + 5)
-
-
-def test_on_a_slow_and_unsteady_network_the_phase_never_runs_back(proxy, drive):
-    delays = itertools.cycle([0.0, 0.0, 0.03, 0.0, 0.08, 0.0, 0.0, 0.05])
-    proxy.delay_s = lambda: next(delays)
-    with drive(proxy.url, options={"Adverbs": GOAL, "Speed": 0.2, "Loop": False}) as driver:
-        driver.until("pose")
-        phases = [driver.until("pose")["phase"] for _ in range(100)]
-        assert phases == sorted(phases)
-        assert len(set(phases)) > 50
-        assert driver.until("pose")["delay"] > 1 / 60 + 0.01, "the delay does not follow the network"

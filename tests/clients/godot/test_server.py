@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import socket
 from contextlib import ExitStack
 from types import MappingProxyType
@@ -10,13 +9,10 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from service.catalog.catalog import Catalog, Entry
+from service.catalog.catalog import Catalog
+from tests.clients.channel_tests import GOAL, HELD, WRONG_KEY, ChannelTests, near, unused_port
 from tests.clients.godot.godot import Driver, run
 from tests.service.stream.conftest import Server
-
-GOAL = {"x": 0.5, "y": 0.2}
-HELD = {"adverbs": GOAL, "play": False, "phase": 0.5, "half_life": 0.0}
-WRONG_KEY = "adv_0123456789abcdef_" + "A" * 43
 
 
 @pytest.fixture
@@ -25,14 +21,8 @@ def drive(project, address):
     return lambda url=address, verb="arm3", **settings: Driver(project, url, verb, **settings)
 
 
-def near(row, goal, tolerance_m=1e-4):
-    """Whether the hand is on its goal; a paused character follows it."""
-    return np.abs(np.subtract(row["positions"][-3:], (goal["x"], goal["y"], 0.0))).max() < tolerance_m
-
-
-def unused_port():
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return free.getsockname()[1]
+class TestChannel(ChannelTests):
+    pass
 
 
 @pytest.mark.parametrize(("encoding", "tolerance_m"), [("f32", 1e-5), ("q48", 2e-4), ("q32", 1e-2)])
@@ -49,14 +39,6 @@ def test_streamed_poses_are_those_of_the_server(drive, all_verbs, encoding, tole
         assert driver.stats()["decode_errors"] == 0
 
 
-def test_streamed_weights_sum_to_one(drive):
-    with drive(options={**HELD, "encoding": "weights", "support": True}) as driver:
-        row = driver.until("pose")
-        assert len(row["values"]) == 9
-        assert sum(row["values"]) == pytest.approx(1.0, abs=1e-5)
-        assert 0.0 <= row["support"] <= 1.0
-
-
 def test_a_character_follows_its_goal(drive):
     with drive(options=HELD) as driver:
         assert driver.until("opened")["name"] == "arm3"
@@ -71,13 +53,6 @@ def test_a_character_follows_its_goal(drive):
         assert driver.stats()["round_trip_s"] < 1.0
         driver.send("close")
         assert driver.until("ended")["code"] == "closed"
-
-
-def test_keytimes_and_the_end_are_events(drive):
-    with drive(options={"adverbs": GOAL, "loop": False, "phase": 0.4, "speed": 3.0}) as driver:
-        assert driver.until("keytime")["channel"] == 0
-        assert driver.until("end")["channel"] == 0
-        assert driver.until("pose", lambda row: row["phase"] > 0.999 and row["ended"])
 
 
 def test_a_byte_budget_is_reported(drive):
@@ -136,20 +111,6 @@ def test_a_wrong_key_is_an_error_and_a_revoked_one_ends_the_stream(drive, guarde
         assert driver.until("ended")["code"] == "unauthenticated"
 
 
-def test_a_new_version_continues_the_motion(all_verbs, drive):
-    entry = all_verbs.entries["arm3"]
-    server = Server(Catalog(MappingProxyType({"arm3": entry}), ())).start()
-    try:
-        with drive(f"http://127.0.0.1:{server.port}") as driver:
-            assert driver.until("pose")["version"] == 1
-            newer = Catalog(MappingProxyType({"arm3": Entry.of_verb(entry.verb, path=entry.path, version=2)}), ())
-            server.call(server.state.set_catalog, newer)
-            assert driver.until("version")["version"] == 2
-            driver.until("pose", lambda row: row["version"] == 2)
-    finally:
-        server.stop()
-
-
 def test_poses_and_verb_files_are_read_by_rest(project, address, all_verbs, guarded):
     found = run(project, "vectors", "rest", address, "", "arm3")
     assert (found["pose"]["status"], found["pose"]["fields"]["phase"]) == (200, 0.5)
@@ -163,41 +124,6 @@ def test_poses_and_verb_files_are_read_by_rest(project, address, all_verbs, guar
     found = run(project, "vectors", "rest", f"http://127.0.0.1:{unused_port()}", "", "arm3")
     assert found["pose"]["status"] == 0
     assert found["pose"]["problem"]
-
-
-# --- networks ---
-
-
-def test_a_connection_that_is_cut_is_resumed(proxy, drive):
-    with drive(proxy.url, options=HELD) as driver:
-        driver.until("pose", lambda row: near(row, GOAL))
-        for x in (0.45, 0.4, 0.35):
-            proxy.cut()
-            driver.until("lost")
-            driver.send("set", adverbs={"x": x})
-            assert driver.until("restored")["resumed"]
-            driver.until("pose", lambda row, x=x: near(row, {**GOAL, "x": x}))
-        stats = driver.stats()
-        assert (stats["reconnects"], stats["resumes"], stats["decode_errors"]) == (3, 3, 0)
-
-
-def test_another_server_gets_the_channels_again(server, proxy, drive):
-    other = Server(Catalog(MappingProxyType({"arm3": server.state.current().entries["arm3"]}), ())).start()
-    try:
-        with drive(proxy.url, options=HELD) as driver:
-            driver.until("pose", lambda row: near(row, GOAL))
-            driver.send("aim", adverbs=[0.4, 0.1])
-            driver.until("pose", lambda row: near(row, {"x": 0.4, "y": 0.1}))
-            proxy.target = other.port
-            proxy.cut()
-            assert not driver.until("restored")["resumed"]
-            number = driver.until("pose")["number"]
-            row = driver.until("pose", lambda row: row["number"] > number + 5)
-            assert near(row, {"x": 0.4, "y": 0.1})
-            driver.send("aim", adverbs=[0.5, 0.2])
-            driver.until("pose", lambda row: near(row, GOAL))
-    finally:
-        other.stop()
 
 
 def test_a_server_that_stops_is_announced_and_the_next_one_continues(all_verbs, drive, proxy):
@@ -215,26 +141,3 @@ def test_a_server_that_stops_is_announced_and_the_next_one_continues(all_verbs, 
             driver.until("pose", lambda row: near(row, GOAL))
     finally:
         second.stop()
-
-
-def test_a_silent_network_is_noticed_and_survived(proxy, drive):
-    with drive(proxy.url, silence=2.5, options={"adverbs": GOAL}) as driver:
-        driver.until("pose")
-        proxy.stall()
-        driver.until("pose", lambda row: row["held"])
-        driver.until("lost")
-        proxy.resume()
-        driver.until("restored")
-        number = driver.until("pose")["number"]
-        driver.until("pose", lambda row: row["number"] > number + 5)
-
-
-def test_on_a_slow_and_unsteady_network_the_phase_never_runs_back(proxy, drive):
-    delays = itertools.cycle([0.0, 0.0, 0.03, 0.0, 0.08, 0.0, 0.0, 0.05])
-    proxy.delay_s = lambda: next(delays)
-    with drive(proxy.url, options={"adverbs": GOAL, "speed": 0.2, "loop": False}) as driver:
-        driver.until("pose")
-        phases = [driver.until("pose")["phase"] for _ in range(100)]
-        assert phases == sorted(phases)
-        assert len(set(phases)) > 50
-        assert driver.until("pose")["delay_s"] > 1 / 60 + 0.01, "the delay does not follow the network"

@@ -124,7 +124,7 @@ sealed class Driver
             { "event", "pose" }, { "number", _stream.Stats.Messages }, { "verb", info.Verb },
             { "version", _pose.Version },
             { "phase", _pose.Phase }, { "time", _pose.TimeS }, { "ended", _pose.Ended }, { "held", _pose.Held },
-            { "delay", _pose.DelayS }, { "error", Fields.Finite(_pose.Error) },
+            { "delay_s", _pose.DelayS }, { "error", Fields.Finite(_pose.Error) },
             { "support", Fields.Finite(_pose.Support) },
             { "values", _pose.Values },
         };

@@ -21,7 +21,7 @@ def all_verbs() -> Catalog:
 
 
 @contextmanager
-def serving(catalog: Catalog, *names: str) -> Iterator[Server]:
+def started(catalog: Catalog, *names: str) -> Iterator[Server]:
     """A server of some of the verbs."""
     served = Server(Catalog(MappingProxyType({name: catalog.entries[name] for name in names}), ())).start()
     try:
@@ -32,7 +32,7 @@ def serving(catalog: Catalog, *names: str) -> Iterator[Server]:
 
 @pytest.fixture(scope="package")
 def server(all_verbs):
-    with serving(all_verbs, "arm3", "reach", "locomotion") as served:
+    with started(all_verbs, "arm3", "reach", "locomotion") as served:
         yield served
 
 

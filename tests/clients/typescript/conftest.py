@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.clients.conftest import serving
+from tests.clients.conftest import started
 from tests.clients.typescript.node import missing
 
 
@@ -16,7 +16,7 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(scope="module")
 def server(all_verbs):
     """Tests count its sessions."""
-    with serving(all_verbs, "arm3", "reach") as served:
+    with started(all_verbs, "arm3", "reach") as served:
         yield served
 
 

@@ -124,7 +124,7 @@ test("without new frames the motion is extrapolated and then stops", () => {
   expect(x(5000)).toBeCloseTo(1 + EXTRAPOLATE_MS / 1000, 3);
 });
 
-test("displayed time goes on between a reconnection and its first message", () => {
+test("displayed time continues between a reconnection and its first message", () => {
   const lateness = new Lateness();
   const buffer = new JitterBuffer(lateness);
   buffer.reset(1);

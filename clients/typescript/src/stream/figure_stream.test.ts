@@ -50,7 +50,7 @@ function started() {
   return { stream, lateness };
 }
 
-test("its motion goes on until the first message of the new connection", () => {
+test("its motion continues until the first message of the new connection", () => {
   const { stream, lateness } = started();
   const phases: number[] = [];
   for (let k = 0; k < 30; k++) {

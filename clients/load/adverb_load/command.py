@@ -133,7 +133,7 @@ def _profile(chosen: argparse.Namespace) -> Profile:
         profile = profile.at_rate(chosen.rate)
     given = {"duration_s": chosen.duration, "warmup_s": chosen.warmup}
     profile = replace(profile, **{name: value for name, value in given.items() if value is not None})
-    return replace(profile, interval_s=min(profile.interval_s, profile.duration_s))
+    return profile.checked()
 
 
 def _write(report: dict[str, Any], chosen: argparse.Namespace) -> None:

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -27,8 +28,8 @@ __all__ = ["FORMAT", "run"]
 FORMAT = "adverb-load/1"
 SWEEP_S, LAG_S = 0.1, 0.02
 TAIL_S, SHORT_TAIL_S = 5.0, 1.0
-"""Longest wait for responses after the last scheduled request, seconds; those that are missing count as errors.
-The second is that of an interrupted run."""
+"""Longest wait after the end of a run for what was due in it, seconds: responses that are still missing count as
+errors, frames and goals as at least as late. The second is that of an interrupted run."""
 
 Report = dict[str, Any]
 Progress = Callable[[str], None]
@@ -37,11 +38,15 @@ Progress = Callable[[str], None]
 def run(profile: Profile, target: Target, *, seed: int, progress: Progress = lambda text: None) -> Report:
     """Run a profile; Ctrl+C ends it early, with a report of what ran.
 
+    Its intervals become as long as divides the duration evenly.
+
     Raises
     ------
     RequestError
         If the server cannot be reached, lacks a verb, or opens no stream.
     """
+    intervals = max(1, round(profile.duration_s / profile.interval_s))
+    profile = replace(profile, interval_s=profile.duration_s / intervals)
     gc.collect()
     gc.disable()  # a collection delays arrivals
     try:
@@ -103,7 +108,7 @@ class _Run:
         seconds = max(time.monotonic() - start_s, 0.0) if stop.is_set() else profile.duration_s
         for task in schedules:
             task.cancel()
-        await self._tail(TAIL_S if not stop.is_set() else SHORT_TAIL_S)
+        await self._tail(start_s + seconds, TAIL_S if not stop.is_set() else SHORT_TAIL_S)
         for task in helpers:
             task.cancel()
         for problem in await asyncio.gather(*schedules, *helpers, return_exceptions=True):
@@ -113,6 +118,8 @@ class _Run:
             await one.close()  # those without a response count as errors
         for load in self.loads:
             load.sweep()
+        for load in self.streams:
+            load.end(start_s + seconds)
         if stop.is_set() and seconds < profile.interval_s:
             raise RequestError(f"interrupted after {seconds:.1f} s, before the first interval was complete")
         whole = profile.interval_s * int(seconds / profile.interval_s) if stop.is_set() else seconds
@@ -139,10 +146,11 @@ class _Run:
             self.progress(f"{phase}: {left_s:.0f} s left, {sum(load.live for load in self.streams)} streams")
             await asyncio.sleep(1.0)
 
-    async def _tail(self, most_s: float) -> None:
-        end_s = time.monotonic() + most_s
-        while time.monotonic() < end_s:
-            if not any(load.unfinished for load in self.requests):
+    async def _tail(self, end_s: float, most_s: float) -> None:
+        """Wait for what was due before ``end_s``."""
+        last_s = time.monotonic() + most_s
+        while time.monotonic() < last_s:
+            if not any(load.unfinished(end_s) for load in self.loads):
                 return
             await asyncio.sleep(0.02)
 

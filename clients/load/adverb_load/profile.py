@@ -100,6 +100,19 @@ class Profile:
             raise ProfileError(f"profile '{self.name}' has no requests whose rate could be {rate:g}")
         return replace(self, requests=tuple(replace(row, rate=row.rate * rate / total) for row in self.requests))
 
+    def checked(self) -> Profile:
+        """The profile, if all its numbers are within their bounds; raises :class:`ProfileError`."""
+        self._check(self.name, self)
+        for group in (*self.streams, *self.requests):
+            self._check(f"{self.name}: {group.name}", group)
+        return self
+
+    @staticmethod
+    def _check(where: str, row: Profile | Streams | Requests) -> None:
+        for key, value in asdict(row).items():
+            if key in _BOUNDS:
+                _number(key, value, type(value), where)
+
     def to_json(self) -> dict[str, Any]:
         """The profile as a JSON object."""
         return asdict(self)

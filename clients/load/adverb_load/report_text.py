@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["faults_of", "lines_of", "milliseconds", "quantity"]
+__all__ = ["faults_of", "lines_of", "milliseconds", "quantity", "warnings_of"]
 
 Json = Mapping[str, Any]
 BUSY = 0.8
@@ -32,10 +32,11 @@ def quantity(metres: float | None) -> str:
 
 
 def faults_of(report: Json) -> list[str]:
-    """Everything that a sound server never does: malformed bytes, unreported gaps, wrong statements of errors."""
+    """Everything that a sound server never does: malformed bytes, unreported gaps, wrong errors, no success at all."""
     found = []
     for group in report["streams"]:
         frames, poses = group["frames"], group["poses"]
+        found += [f"{group['name']}: no frame arrived"] if not frames["frames"] else []
         found += [f"{group['name']}: {frames['faults']} malformed messages"] if frames["faults"] else []
         found += [f"{group['name']}: {frames['gaps']} messages are missing unreported"] if frames["gaps"] else []
         found += (
@@ -45,6 +46,7 @@ def faults_of(report: Json) -> list[str]:
         )
     for group in report["requests"]:
         counts = group["requests"]
+        found += [f"{group['name']}: no request succeeded"] if counts["scheduled"] and not counts["good"] else []
         found += [f"{group['name']}: {counts['faults']} malformed responses"] if counts["faults"] else []
         found += (
             [f"{group['name']}: {counts['disagree']} poses are not where their errors state"]
@@ -63,7 +65,14 @@ def warnings_of(report: Json) -> list[str]:
         found.append(
             f"this program used {100 * client['cpu_share']:.0f} % of a core: it may be what is slow; use less load"
         )
+    for group in report["streams"]:
+        failed = sum(group["opened"]["failed"].values()) + sum(group["errors"].values())
+        found += [f"{group['name']}: {failed} sockets or channels failed"] if failed else []
+        held = group["goals"]["held_back"]
+        found += [f"{group['name']}: {held} goals were not sent, since their sockets were full"] if held else []
     for group in report["requests"]:
+        failed = sum(group["errors"].values())
+        found += [f"{group['name']}: {failed} of {group['requests']['scheduled']} requests failed"] if failed else []
         target, sent = group["requests"]["scheduled_per_s"], group["requests"]["sent_per_s"]
         if sent < 0.98 * target:
             found.append(

@@ -227,9 +227,8 @@ class RequestLoad:
         """Close all connections."""
         self._pool.close()
 
-    @property
-    def unfinished(self) -> int:
-        """Requests without a response so far."""
+    def unfinished(self, end_s: float) -> int:
+        """Requests without a response so far; all are scheduled before ``end_s``."""
         return len(self._made)
 
     def result(self, seconds: float) -> dict[str, Any]:

@@ -200,6 +200,35 @@ class StreamClient:
             group.lateness.add(due_s - k * interval_s, now_s - due_s + k * interval_s)
         group.counts.add(now_s, "skipped", max(missed - reported, 0))
 
+    def waits(self, end_s: float) -> bool:
+        """Whether a frame that was due before ``end_s`` has not arrived; never of slow readers and closed sockets."""
+        return self._counts_lateness and self._last_due_s + 1.5 / self.group.plan.fps < end_s
+
+    def end(self, end_s: float, now_s: float) -> None:
+        """Add frames due, and goals sent, before ``end_s`` that have not arrived by now: they are at least as late."""
+        if not self._counts_lateness:
+            return
+        group, interval_s = self.group, 1.0 / self.group.plan.fps
+        missed = min(max(int((end_s - self._last_due_s) * group.plan.fps + 0.5) - 1, 0), MAX_MISSED)
+        for k in range(1, missed + 1):
+            due_s = self._last_due_s + k * interval_s
+            group.lateness.add(due_s, now_s - due_s)
+        group.counts.add(end_s - 0.5 * interval_s, "skipped", missed)
+        if missed:
+            for goal in (goal for goals in self.goals.values() for goal in goals):
+                if self._arrived_s < goal.due_s < end_s:
+                    group.response.add(goal.due_s, now_s - goal.due_s)
+
+    @property
+    def _counts_lateness(self) -> bool:
+        alive = self.socket is not None and self.socket.alive
+        return alive and not self.slow and self.clock.known and self._due_ns > 0
+
+    @property
+    def _last_due_s(self) -> float:
+        """When the last frame was due, on this program's clock."""
+        return self._due_ns * 1e-9 - self.clock.offset_s
+
     def _records(self, content: bytes, records: int, now_s: float) -> None:
         """Parse the heads of records; keep those of measured channels."""
         group, at, end = self.group, MESSAGE_HEADER.size, len(content)

@@ -143,6 +143,16 @@ class StreamLoad:
         """Measure what has arrived."""
         measure(self.group)
 
+    def unfinished(self, end_s: float) -> int:
+        """Sockets that lack a frame that was due before ``end_s``."""
+        return sum(client.waits(end_s) for client in self.clients)
+
+    def end(self, end_s: float) -> None:
+        """Count what was due before ``end_s`` and has not arrived."""
+        now_s = time.monotonic()
+        for client in self.clients:
+            client.end(end_s, now_s)
+
     async def close(self) -> None:
         """Close all sockets."""
         for client in self.clients:

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from collections import deque
@@ -16,7 +17,9 @@ import numpy as np
 import pytest
 from adverb_load import command
 from adverb_load.effector_errors import Arrival, Goal, measure
-from adverb_load.profile import Streams
+from adverb_load.engine import run
+from adverb_load.profile import Streams, parse
+from adverb_load.report_text import faults_of, warnings_of
 from adverb_load.series import Counts, Series
 from adverb_load.stream_client import Group
 from adverb_load.target import Target
@@ -89,6 +92,28 @@ def test_an_interrupted_run_is_reported(server, tmp_path):
     assert report["streams"][0]["frames"]["frames"] > 20
 
 
+def test_a_server_that_stops_during_a_run_is_late(server):
+    text = 'duration_s = 2.4\nwarmup_s = 0\n[[streams]]\nname = "s"\nsockets = 2\nsteer_hz = 20\n'
+    threading.Timer(1.0, os.kill, (server.server, signal.SIGSTOP)).start()
+    try:
+        report = run(parse(text, "stop"), Target(server.base), seed=1)
+    finally:
+        os.kill(server.server, signal.SIGCONT)
+    stream = report["streams"][0]
+    assert stream["summary"]["lateness_s"]["max"] > 1.0
+    assert stream["summary"]["response_s"]["max"] > 1.0
+    assert stream["frames"]["skipped"] > 60
+    assert stream["summary"]["lateness_s"]["count"] == pytest.approx(2 * 60 * 2.4, rel=0.1)
+
+
+def test_failures_are_warnings_and_no_success_is_a_fault(server):
+    text = 'duration_s = 1\nwarmup_s = 0\n[[requests]]\nname = "r"\nmethod = "none"\nrate = 20\n'
+    report = run(parse(text, "failing"), Target(server.base), seed=1)
+    scheduled = report["requests"][0]["requests"]["scheduled"]
+    assert f"r: {scheduled} of {scheduled} requests failed" in warnings_of(report)
+    assert "r: no request succeeded" in faults_of(report)
+
+
 def _frames_of(server):
     with urllib.request.urlopen(server.base + "/metrics") as response:
         found = re.search(r"^adverb_stream_frames_total(?:\{[^}]*\})? (\S+)", response.read().decode(), re.MULTILINE)
@@ -100,6 +125,10 @@ def _frames_of(server):
     (["--url", "http://127.0.0.1:1"], 1, "no server responds"),
     (["--url", "ftp://127.0.0.1"], 1, "not the address of a server"),
     (["--profile", "nothing"], 1, "unknown profile"),
+    (["--scale", "1e5"], 1, "'sockets' must be an integer from 1 to 20000"),
+    (["--rate", "5e5"], 1, "'rate' must be a number from 0.001 to 100000"),
+    (["--duration", "0.1"], 1, "'duration_s' must be a number from 0.5 to 86400"),
+    (["--warmup", "700"], 1, "'warmup_s' must be a number from 0 to 600"),
     (["compare", "none.json", "none.json"], 1, "No such file"),
 ])  # fmt: skip
 def test_mistakes(arguments, status, problem, capsys):

@@ -63,6 +63,16 @@ def load(url, text, seconds=3.0):
     return run(profile, Target(url), seed=1)
 
 
+def test_rates_are_of_the_whole_duration():
+    with stub_server(lambda number: (0.0, response("{}"))) as url:
+        report = load(url, HEALTH, seconds=1.4)
+    found = report["requests"][0]["requests"]
+    assert report["interval_s"] == pytest.approx(1.4 / 3)
+    assert found["scheduled"] == 140
+    assert found["good"] == 140
+    assert found["scheduled_per_s"] == 100.0
+
+
 def test_a_stall_is_charged_to_every_request_that_was_due():
     stalled = []
 

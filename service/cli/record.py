@@ -83,6 +83,8 @@ def _recorded(
     with Client(url, api_key=key) as client:
         info = client.verb(verb)
     if hold:
+        if info.measure.get("keytime") not in info.keytimes:
+            raise ValueError(f"--hold needs a verb that is measured by a position; '{verb}' is not")
         options |= {"play": False, "phase": info.keytimes[info.measure["keytime"]]}
     rng, names = np.random.default_rng(seed), [adverb.name for adverb in info.adverbs]
     with SyncStream(url, api_key=key) as stream:

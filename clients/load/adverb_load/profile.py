@@ -103,7 +103,8 @@ class Profile:
     def checked(self) -> Profile:
         """The profile, if all its numbers are within their bounds; raises :class:`ProfileError`."""
         self._check(self.name, self)
-        for group in (*self.streams, *self.requests):
+        groups: list[Streams | Requests] = [*self.streams, *self.requests]
+        for group in groups:
             self._check(f"{self.name}: {group.name}", group)
         return self
 

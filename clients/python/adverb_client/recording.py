@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -23,6 +25,9 @@ F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
+Frame = tuple[float, Record, str, dict[str, float]]
+"""Time of the tick in seconds, record, verb, and goal by adverb."""
+
 FORMAT = 1
 POINT = ["x", "y", "z"]
 BONES, GOAL, EFFECTOR = (122, 167, 255), (243, 176, 82), (79, 209, 165)
@@ -34,33 +39,35 @@ class Recording:
 
     Parameters
     ----------
-    verb, effector : str
+    effector : str
         The effector's joint; empty if the verb is not measured by the position of one.
     adverbs : (D,) str
+        Of all verbs of the recording.
     names : (J,) str
         Joints of the frames.
     parents : (J,) int64
     offsets : (J, 3) float64
     times_s : (F,) float64
         Time of each tick, seconds from the first.
+    verbs : (F,) str
     phases, errors : (F,) float64
         Errors as in the records: NaN where nothing is measured.
     clamped, in_transition : (F,) bool
     versions : (F,) int64
     goals : (F, D) float64
-        Goal in force when the frame arrived; NaN before the first.
+        Goal in force when the frame arrived; NaN before the first, and for adverbs of other verbs.
     root : (F, 3) float32
     rotations : (F, J, 4) float32
         Relative to the parents.
     """
 
-    verb: str
     effector: str
     adverbs: npt.NDArray[np.str_]
     names: npt.NDArray[np.str_]
     parents: npt.NDArray[np.int64]
     offsets: F64
     times_s: F64
+    verbs: npt.NDArray[np.str_]
     phases: F64
     errors: F64
     clamped: Bools
@@ -92,13 +99,13 @@ class Recording:
     def load_npz(cls, path: str | Path) -> Recording:
         """Read a file of :meth:`save_npz`; raises :class:`DecodeError`."""
         try:
-            with np.load(path, allow_pickle=False) as found:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as found:
                 if int(found["format"]) != FORMAT:
                     raise DecodeError(f"{path}: format {int(found['format'])}; expected {FORMAT}")
                 given: dict[str, Any] = {row.name: found[row.name] for row in fields(cls)}
-        except (KeyError, ValueError, TypeError) as err:
+        except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as err:
             raise DecodeError(f"{path}: no recording: {err}") from err
-        return cls(**{**given, "verb": str(given["verb"]), "effector": str(given["effector"])})
+        return cls(**{**given, "effector": str(given["effector"])})
 
     def save_rrd(self, path: str | Path) -> None:
         """Write a file for Rerun: bones, goal and effector in space; error and phase over time.
@@ -110,20 +117,21 @@ class Recording:
         """
         import rerun as rr
 
-        stream = rr.RecordingStream("adverb", recording_id=f"{self.verb}-{len(self)}")
+        stream = rr.RecordingStream("adverb", recording_id=f"{self.verbs[0]}-{len(self)}")
         stream.save(str(path))
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
         positions, children = self.positions(), np.arange(1, len(self.names))
         strips = np.stack([positions[:, self.parents[children]], positions[:, children]], axis=2)
         joint = self.names.tolist().index(self.effector) if self.effector in self.names else -1
-        points = self.adverbs.tolist() == POINT
+        names = self.adverbs.tolist()
+        points = [names.index(name) for name in POINT] if set(POINT) <= set(names) else []
         for k, time_s in enumerate(self.times_s.tolist()):
             stream.set_time("time", duration=time_s)
             stream.log("world/figure", rr.LineStrips3D(strips[k], colors=BONES, radii=0.012))
             if joint >= 0:
                 stream.log("world/effector", rr.Points3D(positions[k, joint], colors=EFFECTOR, radii=0.03))
-            if points and np.isfinite(self.goals[k]).all():
-                stream.log("world/goal", rr.Points3D(self.goals[k], colors=GOAL, radii=0.025))
+            if points and np.isfinite(self.goals[k, points]).all():
+                stream.log("world/goal", rr.Points3D(self.goals[k, points], colors=GOAL, radii=0.025))
             if np.isfinite(self.errors[k]):
                 stream.log("error_m", rr.Scalars(float(self.errors[k])))
             stream.log("phase", rr.Scalars(float(self.phases[k])))
@@ -159,7 +167,7 @@ class Recorder:
 
     channel: Channel
     effector: str = ""
-    _frames: list[tuple[float, Record, list[float]]] = field(default_factory=list)
+    _frames: list[Frame] = field(default_factory=list)
 
     def __enter__(self) -> Self:
         info = self.channel.info
@@ -175,42 +183,35 @@ class Recorder:
         return len(self._frames)
 
     def _add(self, due_s: float, record: Record) -> None:
-        goal = self.channel.desired.get("adverbs", {})
-        names = [adverb.name for adverb in self.channel.info.adverbs]
-        self._frames.append((due_s, record, [float(goal.get(name, np.nan)) for name in names]))
+        info, goal = self.channel.info, self.channel.desired.get("adverbs", {})
+        self._frames.append((due_s, record, info.verb, {row.name: goal.get(row.name, np.nan) for row in info.adverbs}))
 
     def recording(self) -> Recording:
         """What has been recorded so far; raises ValueError if that is nothing."""
-        frames, info = list(self._frames), self.channel.info
+        frames = list(self._frames)
         if not frames:
             raise ValueError("no frame has arrived")
-        records = [record for _, record, _ in frames]
-        return recording_of(
-            info.verb, self.effector, [adverb.name for adverb in info.adverbs], info.skeleton,
-            np.array([due_s for due_s, _, _ in frames]) - frames[0][0], records, np.array([row[2] for row in frames]),
-        )  # fmt: skip
+        return _recording_of(frames, self.effector, self.channel.info.skeleton)
 
 
-def recording_of(
-    verb: str, effector: str, adverbs: Sequence[str], skeleton: Skeleton, times_s: F64, records: Sequence[Record],
-    goals: F64,
-) -> Recording:  # fmt: skip
-    """A recording of records (F) with their times (F,) and goals (F, D)."""
+def _recording_of(frames: Sequence[Frame], effector: str, skeleton: Skeleton) -> Recording:
+    times_s, records, verbs, goals = zip(*frames, strict=True)
+    adverbs = list(dict.fromkeys(name for goal in goals for name in goal))
     flags = np.array([record.flags for record in records])
     return Recording(
-        verb=verb,
         effector=effector,
-        adverbs=np.array(list(adverbs)),
+        adverbs=np.array(adverbs),
         names=np.array(skeleton.names),
         parents=skeleton.parents,
         offsets=skeleton.offsets,
-        times_s=times_s,
+        times_s=np.array(times_s) - times_s[0],
+        verbs=np.array(verbs),
         phases=np.array([record.phase for record in records], np.float64),
         errors=np.array([record.error for record in records], np.float64),
         clamped=(flags & CLAMPED) != 0,
         in_transition=(flags & IN_TRANSITION) != 0,
         versions=np.array([record.version for record in records], np.int64),
-        goals=goals,
+        goals=np.array([[float(goal.get(name, np.nan)) for name in adverbs] for goal in goals]),
         root=np.stack([record.root for record in records if record.root is not None]),
         rotations=np.stack([record.rotations for record in records if record.rotations is not None]),
     )

@@ -50,16 +50,37 @@ async def test_frames_and_goals_are_kept(recording):
 async def test_a_file_has_all_of_it(recording, tmp_path):
     recording.save(tmp_path / "reach.npz")
     again = Recording.load_npz(tmp_path / "reach.npz")
-    assert (again.verb, again.effector, len(again)) == ("reach", "RightHand", len(recording))
+    assert (set(again.verbs), again.effector, len(again)) == ({"reach"}, "RightHand", len(recording))
     np.testing.assert_array_equal(again.rotations, recording.rotations)
     np.testing.assert_array_equal(again.positions(), recording.positions())
     np.savez(tmp_path / "other.npz", format=np.int64(1))
     np.savez(tmp_path / "newer.npz", format=np.int64(2))
-    for name in ("other", "newer"):
+    (tmp_path / "empty.npz").touch()
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "reach.npz").read_bytes()[:-100])
+    for name in ("other", "newer", "empty", "cut"):
         with pytest.raises(DecodeError):
             Recording.load_npz(tmp_path / f"{name}.npz")
     with pytest.raises(ValueError, match="expected an ending"):
         recording.save(tmp_path / "reach.txt")
+
+
+@pytest.mark.anyio
+async def test_a_switch_has_the_adverbs_of_both_verbs(address, anyio_backend):
+    async with Stream(address) as stream:
+        channel = await stream.open("reach", adverbs=dict(zip("xyz", GOAL, strict=True)))
+        with Recorder(channel) as recorder:
+            await until(lambda: len(recorder) > 5)
+            await stream.switch(channel, "jog")
+            count = len(recorder)
+            await until(lambda: len(recorder) > count + 5)
+        found = recorder.recording()
+    jog = found.verbs == "jog"
+    assert set(found.verbs) == {"reach", "jog"}
+    assert found.adverbs.tolist()[:3] == ["x", "y", "z"]
+    assert found.goals.shape == (len(found), len(found.adverbs))
+    np.testing.assert_allclose(found.goals[0, :3], GOAL)
+    assert np.isnan(found.goals[jog][:, :3]).all()
+    assert np.isnan(found.goals[~jog][:, 3:]).all()
 
 
 @pytest.mark.anyio
@@ -88,6 +109,11 @@ def test_the_command(address, tmp_path):
     found = Recording.load_npz(file)
     assert len(found) > 10
     assert len(np.unique(found.goals[np.isfinite(found.goals).all(axis=1)], axis=0)) > 1
+
+
+def test_only_verbs_with_a_position_are_held(address, tmp_path):
+    done = CliRunner().invoke(app, ["record", "jog", "--url", address, "--hold", "-o", str(tmp_path / "jog.npz")])
+    assert (done.exit_code, "measured by a position" in done.output) == (1, True)
 
 
 @pytest.mark.parametrize(("given", "problem"), [

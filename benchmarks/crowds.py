@@ -57,7 +57,7 @@ BARE_GOALS = {"wide": 1.3, "wide steered": 2.0}
 
 @dataclass(slots=True)
 class Row(Rounds[CrowdReport]):
-    """Rounds of a load of crowds, as a line of the table; ``failure`` says why one could not be played."""
+    """Rounds of a load of crowds, as a line of the table; ``failure`` is why one could not be played."""
 
     failure: str = ""
 

@@ -50,7 +50,7 @@ Environment = Mapping[str, str]
 
 
 def say(line: str) -> None:
-    """Tell how far it is."""
+    """Print the progress."""
     print(line, file=sys.stderr, flush=True)
 
 

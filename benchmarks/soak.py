@@ -211,7 +211,7 @@ def verdict(soak: Soak, last: Sample) -> list[str]:
     if last.streams or last.channels:
         wrong.append(f"{last.streams:g} streams and {last.channels:g} channels are left after all clients left")
     if not max(sample.channels for sample in samples) > 0:
-        wrong.append("the gauge adverb_channels never rose, so it tells nothing")
+        wrong.append("the gauge adverb_channels never rose, so it measures nothing")
     if last.files > samples[0].files:
         wrong.append(f"{last.files} files are open after all clients left; {samples[0].files} were early in the run")
     if set(soak.answers) != {200}:

@@ -58,7 +58,7 @@ class Row(Rounds[Report]):
         return self.least(lambda report: 1e6 * report.server_cpu_s / report.delivered if report.delivered else inf)
 
     def _sum(self, figure: str) -> str:
-        """Of all rounds; the bare loop counts ticks, not messages, so its numbers tell nothing."""
+        """Of all rounds; the bare loop counts ticks, not messages, so its numbers mean nothing."""
         return str(sum(getattr(report, figure) for report in self.reports)) if self.walk else "–"
 
     def line(self) -> str:
@@ -156,7 +156,7 @@ def compare(server: Served, floor: Served, *, rounds: int, seconds: float) -> di
 
 
 def largest(name: str, server: Served, load_of: Callable[[int], Load], most: int, *, seconds: float) -> str:
-    """Bisect for the largest load that holds; a line that tells it."""
+    """Bisect for the largest load that holds; a line with the result."""
     low, high, late = 0, most + 1, float("nan")
     for _ in range(STEPS):
         middle = (low + high) // 2
@@ -187,7 +187,7 @@ def encodings(server: Served) -> list[str]:
 
 
 def say(line: str) -> None:
-    """Tell how far it is."""
+    """Print the progress."""
     print(line, file=sys.stderr, flush=True)
 
 

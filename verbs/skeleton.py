@@ -82,7 +82,7 @@ class Skeleton:
         return np.array(links[::-1], np.int64)
 
     def difference(self, other: Skeleton, *, tolerance_m: float = 1e-4) -> str | None:
-        """Say how another skeleton differs from this one, or None where they are the same.
+        """How another skeleton differs from this one, or None where they are the same.
 
         Offsets may differ by ``tolerance_m`` (files round), names and parents not at all.
         """

@@ -48,7 +48,7 @@ def create_command(
 ) -> None:
     """Make a key. It is shown once and cannot be read again; the server stores its hash.
 
-    The first key of a server ends its use without keys. Running servers know it within a second.
+    The first key of a server ends its use without keys. It takes effect on running servers within a second.
 
     Example: [bold]adverb keys create --scope pose --name game --expires 90d[/]
     """

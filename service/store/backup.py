@@ -53,7 +53,7 @@ Report = Callable[[int, int], None]
 
 
 class BackupError(StoreError):
-    """A backup cannot be made or restored; the message says why and what to do."""
+    """A backup cannot be made or restored; the message has the reason and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)

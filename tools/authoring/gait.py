@@ -177,7 +177,7 @@ def _pelvis(gait: Gait, phase: F64, drift: F64, lean: float) -> tuple[F64, F64]:
 def _body(
     figure: Figure, gait: Gait, path: Path, line: Timeline, legs: Legs, mean: float | None = None
 ) -> tuple[F64, F64]:
-    """Roots (F, 3) and local rotations (F, J, 4); ``mean`` is the mean height of the root unless the knees tell it."""
+    """Roots (F, 3) and local rotations (F, J, 4); ``mean``: height of the root unless the knees set it."""
     ground, headings = path.at(line.times)
     heading = about(1, headings)
     offsets, pelvis = _pelvis(gait, line.phase, line.drift, lean_of(path))
@@ -227,7 +227,7 @@ def _hips(figure: Figure, rotations: F64) -> F64:
 
 
 def _height(figure: Figure, gait: Gait, level: F64, height: F64, rotations: F64, legs: Legs) -> F64:
-    """Heights (F,) of the root: as high as the knees allow, none of which is straighter than the gait says.
+    """Heights (F,) of the root: as high as the knees allow, none of which is straighter than in the gait.
 
     A run keeps the shape of its height. A walk dips a little where a leg reaches far, so the others stand straighter.
     """
@@ -278,7 +278,7 @@ def leg_angles(gait: Gait, forward: float, count: int, mean: float | None = None
         Speed, m/s.
     count : int
     mean : float, optional
-        Mean height of the root; unless given, that at which the straightest knee is bent as the gait says.
+        Mean height of the root; unless given, that at which the straightest knee is bent as in the gait.
 
     Returns
     -------

@@ -32,7 +32,7 @@ def idle(fps: float) -> tuple[Motion, F64, Contacts]:
         Even, named as those of a gait.
     contacts : mapping
         Intervals, s, in which the feet of a slow walk stand. Here they stand all the time; but a blend with a walk
-        has to let go of a foot once in a stride.
+        has to lift a foot once in a stride.
     """
     figure, rng = humanoid(), np.random.default_rng(_SEED)
     frames = round(LENGTH_S * fps)

@@ -81,7 +81,7 @@ def check_mixing(
 ) -> None:
     """Refuse a verb whose adverbs name measures, and that measures them together too or leaves one unmeasured.
 
-    ``own`` and ``style`` tell which adverbs name a measure and which are style adverbs.
+    ``own`` are the adverbs that name a measure, ``style`` the style adverbs.
     """
     if not any(own):
         return

@@ -34,7 +34,7 @@ class SourceMend:
 class SourceRetarget:
     """``[retarget]``: the example whose skeleton is the verb's, and the examples that are retargeted to it.
 
-    ``effector`` and ``feet`` tell whether these keep their positions.
+    ``effector`` and ``feet``: whether these keep their positions.
     """
 
     skeleton: str

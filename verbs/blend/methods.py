@@ -34,7 +34,7 @@ class Method(Protocol):
 class Row:
     """How to prepare a method, the basis that it needs, and whether it needs something to measure.
 
-    ``points`` tells whether it needs one point that all measured adverbs describe together.
+    ``points``: whether it needs one point that all measured adverbs describe together.
     """
 
     make: Callable[[Verb], Method]

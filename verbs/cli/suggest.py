@@ -26,7 +26,7 @@ def suggest_command(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say where the next examples would help most, and show the poses guessed there.
+    """Show where the next examples would help most, and show the poses guessed there.
 
     Example: [bold]adverb suggest reach -n 5 -o next.png[/]
     """

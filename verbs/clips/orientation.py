@@ -2,7 +2,7 @@
 
 - *Up* is the axis along which the head is above the feet, and on which the lowest points stay at one height.
 - *Left* is the mean direction from right to left of paired joints: hips and what hangs below them, shoulders and arms.
-  Pairs are found by name; without names, by equal lengths of two limbs, and the feet tell left from right.
+  Pairs are found by name; without names, by equal lengths of two limbs, and the feet distinguish left and right.
 - *Forward* is at right angles to both; the feet, from ankle to toe, and the travel confirm or contradict it.
 
 Axes are right-handed: left is up × forward.
@@ -165,7 +165,7 @@ def root_frame(skeleton: Skeleton, rotations: F64) -> F64:
     Returns
     -------
     rotation : (4,) float64
-        The identity where no pair of joints tells left from right.
+        The identity where no pair of joints distinguishes left and right.
     """
     _, positions = fk.forward(np.zeros(3), rotations, skeleton.parents, skeleton.offsets)
     pairs = _named_pairs(skeleton)
@@ -264,11 +264,11 @@ def _forward(body: _Body, up: F64) -> tuple[F64, F64, float, tuple[str, ...]]:
         return usual, usual, 0.0, (f"{axis_name(usual)} forward: nothing shows it",)
     candidates = {name: axis for name, axis in AXES.items() if abs(float(axis @ up)) < 0.5}
     best = max(candidates, key=lambda name: float(candidates[name] @ facing) + _KEPT * (name == "+Z"))
-    said = {"sides": how, "feet": "ankle to toe", "travel": "the way from start to end"}
+    names = {"sides": how, "feet": "ankle to toe", "travel": "the way from start to end"}
     for name, direction in known.items():
         if direction.any():
             angle = float(np.degrees(np.arccos(np.clip(direction @ candidates[best], -1.0, 1.0))))
-            evidence.append(f"{said[name]}: {angle:.0f}° from {best}")
+            evidence.append(f"{names[name]}: {angle:.0f}° from {best}")
     agree = float(sides @ feet) if sides.any() and feet.any() else 0.5
     sure = float(np.clip(0.5 + 0.5 * agree, 0.0, 1.0)) * float(
         np.clip(2.0 * (candidates[best] @ facing) - 0.5, 0.0, 1.0)

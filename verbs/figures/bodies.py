@@ -198,7 +198,7 @@ def _joined_radius(name: str) -> float:
 
 
 def _radii(table: dict[str, tuple[float, float]], name: str, length: float) -> tuple[float, float]:
-    """Radii of a limb by its joint's name; by its length where the table does not know the name."""
+    """Radii of a limb by its joint's name; by its length where the table lacks the name."""
     return table.get(_ending(table, name), (min(0.06, 0.14 * length), min(0.05, 0.11 * length)))
 
 

@@ -1,4 +1,4 @@
-"""Put the feet of a pose where commands say: foot, pelvis, knee and hip by closed forms.
+"""Put the feet of a pose where commands place them: foot, pelvis, knee and hip by closed forms.
 
 A foot is a heel and a ball on the ankle's joint and a tip on the toe joint. A command holds the foot in plan (position
 of the ball, direction from heel to ball) with a share, and its points at their standing heights with their contacts;

@@ -21,7 +21,7 @@ RIGID_RAD = 1e-3
 class Ranges:
     """Box of each joint but two kinds: the root, whose rotation is a heading, and joints that no example moves.
 
-    Captures often have rigid toes. Planting bends them, and the examples say nothing about how far they bend.
+    Captures often have rigid toes. Planting bends them, and the examples have no information on how far they bend.
 
     Rotation vectors are those of the rotation from the verb's reference rotation of the joint, so that they stay far
     from half a turn.

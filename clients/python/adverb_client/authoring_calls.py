@@ -17,7 +17,7 @@ __all__ = ["AsyncAuthoringCalls", "AuthoringCalls"]
 T = TypeVar("T")
 
 FOLLOW_S = 0.5
-"""Interval between two looks at a refinement."""
+"""Interval between two reads a refinement."""
 
 
 def _named(options: Mapping[str, Any]) -> dict[str, Any]:

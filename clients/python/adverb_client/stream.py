@@ -236,7 +236,7 @@ class Stream:
         """Set the viewpoint and the byte budget of the stream; replaces both, also after a reconnection.
 
         With a budget, channels that do not fit are left out of a message; near ones, and those with a higher
-        ``priority``, are sent more often. :class:`BudgetReport` says what was sent.
+        ``priority``, are sent more often. :class:`BudgetReport` reports what was sent.
 
         Parameters
         ----------

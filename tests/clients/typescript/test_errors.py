@@ -1,4 +1,4 @@
-"""The TypeScript client knows the error codes of the Python client, in the same families."""
+"""The TypeScript client has the error codes of the Python client, in the same families."""
 
 from __future__ import annotations
 

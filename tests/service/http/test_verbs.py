@@ -1,4 +1,4 @@
-"""What the routes that look say about verbs, health and pages."""
+"""Routes that read: verbs, health and pages."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Authored gaits: feet stand, loops close, curves are the published ones, bodies fall and lean as physics says."""
+"""Authored gaits: feet stand, loops close, curves are the published ones, bodies fall and lean by physics."""
 
 from functools import cache
 from pathlib import Path

@@ -189,7 +189,7 @@ def test_captured_gaits_stand_twice_in_two_strides(mocap, verb_of):
     verb = verb_of("locomotion")
     for i, name in enumerate(verb.examples):
         counts = [len(verb.contacts.of(i, p)) for p, part in enumerate(verb.contacts.parts) if PARTS[part] != "heel"]
-        if not name.startswith("Turn"):  # the foot on which a turn pivots lets go for a moment
+        if not name.startswith("Turn"):  # the foot on which a turn pivots leaves the ground for a moment
             assert counts == ([1] * 4 if name == "Idle" else [2] * 4), name
     stands = verb.contacts.values[:-1, :, verb.contacts.feet == verb.contacts.feet[0]].max(axis=2).mean(axis=0)
     shares = dict(zip(verb.examples, stands.tolist(), strict=True))

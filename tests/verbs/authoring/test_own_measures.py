@@ -102,7 +102,7 @@ def test_a_file_keeps_the_measures(timed, tmp_path):
 
 
 def test_a_reader_without_them_finds_a_verb_that_poses(timed, tmp_path, monkeypatch):
-    """Readers ignore facts that they do not know: without ``measured`` the verb has no measure, and poses by rbf."""
+    """Readers ignore unknown facts: without ``measured`` the verb has no measure, and poses by rbf."""
     artifact.save(timed, tmp_path / "a.verb")
     arrays, facts = artifact._map(tmp_path / "a.verb")
     assert facts["format"] == 1

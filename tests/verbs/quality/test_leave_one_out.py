@@ -52,8 +52,8 @@ def test_a_tail_is_suggested_only_where_it_predicts_better(monkeypatch, tmp_path
     constant = replace(verb, bases={**verb.bases, "smooth": smooth(verb.domain.chart, verb.values, degree=0)})
     assert leave_one_out.suggested_tail(constant) == ""
     arguments = ["build", str(Path(library.__file__).parent / "arm3"), "-o", str(tmp_path / "a.verb")]
-    (said,) = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)["suggestions"]
-    assert said == leave_one_out.suggested_tail(verb)
+    (suggested,) = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)["suggestions"]
+    assert suggested == leave_one_out.suggested_tail(verb)
     assert "suggestion: with tail" in CliRunner().invoke(app, arguments).stdout
 
 

@@ -269,7 +269,7 @@ def test_legs_pass_gently_from_one_motion_to_another(first, second):
 
 
 def test_a_foot_that_is_hardly_held_is_not_put_into_its_place(verb_of):
-    """A stance that would end before its foot is there: the foot lets go of where it is."""
+    """A stance that would end before its foot is there: the foot leaves the place where it is."""
     one, other = (Characters(Evaluator(verb_of(name))) for name in ("punch", "locomotion"))
     goals = np.array([0.10227452, 0.53646889, 0.53146414]), np.array([1.18767379, -1.91803714, -0.06038655])
     places, _ = frames_of(one, other, goals, 0.6644010411515328, 34)

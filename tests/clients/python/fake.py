@@ -90,6 +90,7 @@ class FakeServer:
         self.messages: list[Any] = []  # all messages of clients
         self.mute: set[str] = set()  # ops without an answer
         self.close_code: int | None = None  # a close code instead of hello
+        self.refused = 0  # connections that were closed with it
         self.protocols = ["adverb.v1"]
         self.port, self.not_ready, self._count, self.skew_ns = 0, 0, 0, 0
 
@@ -105,6 +106,7 @@ class FakeServer:
 
     async def handle(self, socket: ServerConnection) -> None:
         if self.close_code is not None:
+            self.refused += 1
             await socket.close(self.close_code)
             return
         self._count += 1

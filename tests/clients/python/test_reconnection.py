@@ -211,8 +211,9 @@ async def test_connecting_to_a_full_server_is_repeated(fake):
     with pytest.raises(TimedOut, match="4029"):
         await Stream(fake.url, backoff=quick()).connect(timeout_s=0.1)
     stream = Stream(fake.url, backoff=quick())
+    refused = fake.refused
     connecting = asyncio.create_task(stream.connect())
-    await asyncio.sleep(0.05)
+    await until(lambda: fake.refused >= refused + 2)
     fake.close_code = None
     await connecting
     assert stream.live

@@ -71,12 +71,18 @@ def files(upload: Path, result: Path) -> dict[str, Any]:
     return {"error": json.dumps({"files": links, "session": os.getsid(0) == os.getpid()})}
 
 
+def lineage(upload: Path, result: Path) -> dict[str, Any]:
+    """Report the process, its parent, and whether it is a fork of it: the command line is the same then."""
+    own, other = (Path(f"/proc/{pid}/cmdline").read_bytes() for pid in (os.getpid(), os.getppid()))
+    return {"error": json.dumps({"pid": os.getpid(), "parent": os.getppid(), "forked": own == other})}
+
+
 def long(upload: Path, result: Path) -> dict[str, Any]:
     """Answer with a line that is longer than the server reads."""
     return {"error": "x" * (2 * builder.MAX_ANSWER_BYTES)}
 
 
-JOBS = {one.__name__: one for one in (memory, cpu, hang, crash, file, noise, files, long)}
+JOBS = {one.__name__: one for one in (memory, cpu, hang, crash, file, noise, files, lineage, long)}
 _real = sandbox.work
 
 

@@ -1845,7 +1845,7 @@ namespace Adverb
 
     /// <summary>
     /// One character of a stream. Methods never block and may be called from any thread; settings made without a
-    /// connection are sent after the reconnection.
+    /// connection are sent after the reconnection, and those of a closed channel have no effect.
     /// </summary>
     public sealed class AdverbChannel
     {
@@ -1906,7 +1906,8 @@ namespace Adverb
         public void Aim(params float[] adverbs)
         {
             byte[] content = Wire.EncodeAdverbs(Number, adverbs);
-            lock (_stream.Gate) if (Keep(adverbs, 0, adverbs.Length)) _stream.Post(Outbox.Aim, Number, content);
+            lock (_stream.Gate)
+                if (_stream.Has(this) && Keep(adverbs, 0, adverbs.Length)) _stream.Post(Outbox.Aim, Number, content);
         }
 
         /// <summary>Changes the given settings.</summary>
@@ -1917,6 +1918,7 @@ namespace Adverb
             Json.Write(changed); // refuses numbers that are not finite
             lock (_stream.Gate)
             {
+                if (!_stream.Has(this)) return;
                 Dictionary<string, double> adverbs = TakeAdverbs(changed);
                 if (adverbs != null) Merge(adverbs);
                 foreach (KeyValuePair<string, object> each in changed)
@@ -2047,7 +2049,7 @@ namespace Adverb
     /// lock.</summary>
     sealed class Outbox
     {
-        internal const int None = 0, Aim = 1, Set = 2, Close = 3, View = 4, Crowd = 5;
+        internal const int None = 0, Aim = 1, Set = 2, View = 3, Crowd = 4;
         readonly LinkedList<KeyValuePair<long, object>> _messages = new LinkedList<KeyValuePair<long, object>>();
         readonly Dictionary<long, LinkedListNode<KeyValuePair<long, object>>> _nodes =
             new Dictionary<long, LinkedListNode<KeyValuePair<long, object>>>();
@@ -2072,6 +2074,19 @@ namespace Adverb
         {
             _messages.Clear();
             _nodes.Clear();
+        }
+
+        /// <summary>Removes unsent goals and settings of a channel, which its number's next channel would
+        /// get.</summary>
+        internal void Drop(long number)
+        {
+            LinkedListNode<KeyValuePair<long, object>> old;
+            for (long key = 8 * number + Aim; key <= 8 * number + Set; key++)
+            {
+                if (!_nodes.TryGetValue(key, out old)) continue;
+                _messages.Remove(old);
+                _nodes.Remove(key);
+            }
         }
 
         internal Task WaitAsync(CancellationToken cancel)
@@ -2256,7 +2271,7 @@ namespace Adverb
             }
             catch
             {
-                lock (Gate) _channels.Remove(number);
+                lock (Gate) if (Has(channel)) _channels.Remove(number);
                 throw;
             }
             return channel;
@@ -2293,8 +2308,19 @@ namespace Adverb
         public void Close(AdverbChannel channel)
         {
             lock (Gate)
-                if (_channels.Remove(channel.Number))
-                    Post(Outbox.Close, channel.Number, Message("close", "channel", channel.Number));
+            {
+                if (!Has(channel)) return;
+                _channels.Remove(channel.Number);
+                _outbox.Drop(channel.Number);
+                Post(Outbox.None, 0, Message("close", "channel", channel.Number));
+            }
+        }
+
+        /// <summary>Whether a channel is not closed; a later one may have its number.</summary>
+        internal bool Has(AdverbChannel channel)
+        {
+            AdverbChannel found;
+            return _channels.TryGetValue(channel.Number, out found) && found == channel;
         }
 
         /// <summary>Sets the goals of many channels with one message of 4 + B·(4 + 4·D) bytes.</summary>
@@ -2317,7 +2343,7 @@ namespace Adverb
                     for (int k = 0; k < count; k++)
                     {
                         AdverbChannel channel = channels[start + k];
-                        if (!channel.Keep(adverbs, dims * (start + k), dims)) continue;
+                        if (!Has(channel) || !channel.Keep(adverbs, dims * (start + k), dims)) continue;
                         Array.Copy(adverbs, dims * (start + k), rows, dims * numbers.Count, dims);
                         numbers.Add(channel.Number);
                         key = unchecked((key ^ channel.Number) * 1099511628211L);
@@ -2393,6 +2419,7 @@ namespace Adverb
             {
                 if (_task == null || _ended != null)
                     throw _ended ?? new AdverbException("closed", "the stream is not connected");
+                if (!Has(channel)) throw new AdverbException("closed", "channel " + channel.Number + " is closed");
                 channel.Pending = new TaskCompletionSource<AdverbException>(TaskCreationOptions.RunContinuationsAsynchronously);
                 Post(Outbox.None, 0, message());
                 return channel.Pending.Task;

@@ -56,7 +56,7 @@ class Driver(driver.Driver):
         super().__init__(["mono", str(program), "stream", json.dumps(content)])
 
     def send(self, command: str, **fields: Any) -> None:
-        super().send(command, **({"options": fields_of(fields)} if command == "set" else fields))
+        super().send(command, **({"options": fields_of(fields)} if command.endswith("set") else fields))
 
     def stats(self) -> dict[str, Any]:
         """Counters of the stream."""

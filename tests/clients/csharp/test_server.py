@@ -109,6 +109,20 @@ def test_a_character_follows_its_goal(drive):
         assert driver.process.wait(30) == 0
 
 
+def test_a_closed_channel_does_not_steer_the_next_one_with_its_number(drive):
+    with drive(options=HELD) as driver:
+        driver.send("replace")
+        assert driver.until("replaced")["number"] == 0
+        driver.send("closed aim", adverbs=[0.4, 0.1])
+        driver.send("closed aim many", adverbs=[0.4, 0.1])
+        driver.send("closed set", adverbs={"x": 0.4})
+        driver.send("closed close")
+        driver.send("closed switch", verb="arm3")
+        assert driver.until("failed")["code"] == "closed"
+        driver.send("set", adverbs={"y": 0.3})
+        driver.until("pose", lambda row: near(row, {"x": 0.5, "y": 0.3}))
+
+
 def test_a_byte_budget_is_reported(drive):
     with drive(options={"adverbs": GOAL}) as driver:
         driver.send("view", position=[0.0, 1.0, 2.0], budget=50)

@@ -13,7 +13,7 @@ sealed class Driver
     readonly Dictionary<string, object> _given;
     readonly AdverbPose _pose = new AdverbPose();
     AdverbStream _stream;
-    AdverbChannel _channel;
+    AdverbChannel _channel, _closed;
     float[] _positions = new float[0];
     volatile bool _closing;
 
@@ -75,10 +75,24 @@ sealed class Driver
             case "view": _stream.View(command["position"].Nums(), command["budget"].Num()); break;
             case "switch": await _stream.SwitchAsync(_channel, (string)command["verb"]); break;
             case "open": await _stream.OpenAsync((string)command["verb"]); break;
-            case "close channel": _stream.Close(_channel); break;
+            case "replace": await Replace(); break;
+            case "closed aim": _closed.Aim(command["adverbs"].Singles()); break;
+            case "closed aim many": _stream.AimMany(new[] { _closed }, command["adverbs"].Singles()); break;
+            case "closed set": _closed.Set(OptionsOf(command["options"])); break;
+            case "closed switch": await _stream.SwitchAsync(_closed, (string)command["verb"]); break;
+            case "closed close": _stream.Close(_closed); break;
             case "stats": PrintStats(); break;
             case "close": _closing = true; break;
         }
+    }
+
+    /// <summary>Closes the channel and opens another with the same options, and so the same number.</summary>
+    async Task Replace()
+    {
+        _closed = _channel;
+        _stream.Close(_closed);
+        _channel = await _stream.OpenAsync((string)_given["verb"], OptionsOf(_given.OrNull("options")));
+        Program.Print(new Dictionary<string, object> { { "event", "replaced" }, { "number", _channel.Number } });
     }
 
     static OpenOptions OptionsOf(object given)

@@ -1861,6 +1861,9 @@ namespace Adverb
         /// <summary>The server's latest description of the channel.</summary>
         public ChannelInfo Info { get; internal set; }
 
+        /// <summary>Whether a switch has no answer so far.</summary>
+        public bool Switching { get { lock (_stream.Gate) return Switch != null; } }
+
         internal readonly JitterBuffer Buffer;
         internal readonly SemaphoreSlim Requests = new SemaphoreSlim(1, 1);
         internal TaskCompletionSource<AdverbException> Pending;

@@ -19,6 +19,9 @@ namespace Adverb
         /// <summary>Name of the verb.</summary>
         public string verb = "reach";
 
+        /// <summary>Method of the verb; empty: that of the server.</summary>
+        public string method = "";
+
         /// <summary>Goal of verbs with the adverbs x, y, z; the hand or foot meets it. May be empty.</summary>
         public Transform goal;
 
@@ -41,6 +44,7 @@ namespace Adverb
         readonly List<Bone> _bones = new List<Bone>();
         AdverbStream _stream;
         AdverbChannel _channel;
+        ChannelInfo _aimed;
         Skeleton _skeleton;
         float[] _positions, _rotations, _aim = new float[0];
         float _scale = 1f;
@@ -67,7 +71,7 @@ namespace Adverb
             {
                 await _stream.ConnectAsync();
                 var options = new OpenOptions { Fps = fps, Encoding = "q48", Frame = "unity", Speed = speed,
-                    Phase = phase };
+                    Phase = phase, Method = method.Length > 0 ? method : null };
                 AdverbChannel channel = await _stream.OpenAsync(verb, options);
                 Match(channel.Info.Skeleton);
                 _channel = channel;
@@ -84,9 +88,12 @@ namespace Adverb
             StreamEvent found;
             while (_stream.TryTakeEvent(out found))
                 if (found.Error != null) Debug.LogWarning("Adverb: " + found.Error.Message);
-            int dims = _channel.Info.Adverbs.Length;
-            if (goal != null && dims == 3) Aim(Goal());
-            else if (adverbs.Length == dims) Aim(adverbs);
+            if (_channel.Switching) return;
+            ChannelInfo info = _channel.Info;
+            if (info != _aimed) _aim = new float[0]; // a switch without adverbs starts at the middle of the domain
+            _aimed = info;
+            if (goal != null && IsPoint(info.Adverbs)) Aim(Goal());
+            else if (adverbs.Length == info.Adverbs.Length) Aim(adverbs);
         }
 
         // after the Animator, which would overwrite the bones
@@ -107,6 +114,11 @@ namespace Adverb
         void OnDestroy()
         {
             if (_stream != null) _stream.Dispose();
+        }
+
+        static bool IsPoint(AdverbInfo[] adverbs)
+        {
+            return adverbs.Length == 3 && adverbs[0].Name == "x" && adverbs[1].Name == "y" && adverbs[2].Name == "z";
         }
 
         /// <summary>The goal in the figure's space, as adverbs: +X is to the left there.</summary>

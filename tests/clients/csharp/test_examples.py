@@ -50,10 +50,13 @@ def test_the_readme_starts_with_a_short_example():
     assert len(EXAMPLES[0].splitlines()) <= 6
 
 
-def test_a_unity_avatar_of_another_size_and_rest_pose_meets_the_goal(built, example_address):
+def test_a_unity_avatar_meets_the_goal_also_after_switches(built, example_address):
     program = built / "unity.exe"
     sources = [CLIENT / "Unity" / "AdverbFigure.cs", *sorted(UNITY.glob("*.cs"))]
     compile_cs(program, sources, str(built / "Adverb.dll"))
     found = run(program, example_address)
     assert found["reached_m"] < 0.002
     assert min(found["limbs"]) > 0.999
+    assert found["away_m"] > 0.3
+    assert found["reached_again_m"] < 0.05, "a goal that stands still is lost by a switch"
+    assert found["locomotion"] < 0.002, "the goal's metres are used as adverbs of another kind"

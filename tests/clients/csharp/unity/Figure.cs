@@ -1,6 +1,6 @@
-// An avatar with the verb's limbs, 1.5 times as long, other bone axes and lowered arms performs a pose; prints where
-// its
-// hand meets the goal and how far limbs are from their directions.
+// An avatar with the verb's limbs, 1.5 times as long, other bone axes and lowered arms performs a pose; prints where its
+// hand meets the goal and how far limbs are from their directions. Then it switches to a verb with three other adverbs
+// and back, while the goal stands still, and once more with values for these adverbs.
 
 using System;
 using System.Collections.Generic;
@@ -25,21 +25,74 @@ static class Figure
         figure.goal.position = figure.transform.TransformPoint(Size * new Vector3(0.3f, 1.2f, 0.4f));
         Call(figure, "Start");
         var hand = bones[skeleton.IndexOf("RightHand")];
-        float reached = float.PositiveInfinity;
+        Func<float> distance = () => (hand.position - figure.goal.position).magnitude;
+        var row = new Dictionary<string, object>();
+        row["reached_m"] = Play(figure, distance, 0.002f);
+        row["limbs"] = Limbs(figure, skeleton, bones);
+        Switch(figure, "locomotion");
+        row["away_m"] = -Play(figure, () => -distance(), -0.3f);
+        Switch(figure, "reach");
+        row["reached_again_m"] = Play(figure, distance, 0.05f); // the root stands elsewhere now
+        float[] expected = Locomotion(client, figure);
+        Switch(figure, "locomotion");
+        row["locomotion"] = Play(figure, () => Difference(figure, expected), 0.002f);
+        Console.WriteLine(Json.Write(row));
+        Call(figure, "OnDestroy");
+        return 0;
+    }
+
+    static void Switch(AdverbFigure figure, string verb)
+    {
+        figure.Stream.SwitchAsync(figure.Channel, verb, phase: 0.5).GetAwaiter().GetResult();
+    }
+
+    /// <summary>Runs the figure until a value is small enough, at most 30 s; returns the value.</summary>
+    static float Play(AdverbFigure figure, Func<float> value, float least)
+    {
+        float found = float.PositiveInfinity;
         DateTime end = DateTime.UtcNow.AddSeconds(30);
-        while (reached > 0.002f && DateTime.UtcNow < end)
+        while (found > least && DateTime.UtcNow < end)
         {
             Call(figure, "Update");
             Call(figure, "LateUpdate");
-            reached = (hand.position - figure.goal.position).magnitude;
+            found = value();
             Thread.Sleep(10);
         }
-        Console.WriteLine(Json.Write(new Dictionary<string, object>
+        return found;
+    }
+
+    /// <summary>Gives the figure adverbs for locomotion; returns the server's pose of them.</summary>
+    static float[] Locomotion(AdverbClient client, AdverbFigure figure)
+    {
+        AdverbInfo[] adverbs = client.DescribeAsync("locomotion").GetAwaiter().GetResult().Adverbs;
+        var goal = new Dictionary<string, double>();
+        figure.adverbs = new float[adverbs.Length];
+        for (int k = 0; k < adverbs.Length; k++)
         {
-            { "reached_m", reached }, { "limbs", Limbs(figure, skeleton, bones) },
-        }));
-        Call(figure, "OnDestroy");
-        return 0;
+            figure.adverbs[k] = (float)(0.4 * adverbs[k].Min + 0.6 * adverbs[k].Max);
+            goal[adverbs[k].Name] = figure.adverbs[k];
+        }
+        WireRecord pose = client.PoseAsync("locomotion", goal, new PoseOptions { Phase = 0.5 }).GetAwaiter().GetResult();
+        Frames.FlipPose(pose.Values);
+        return pose.Values;
+    }
+
+    /// <summary>Largest difference of the upper body's local rotations from those of a pose: standing feet of a stream
+    /// stay where they are.</summary>
+    static float Difference(AdverbFigure figure, float[] expected)
+    {
+        var pose = new AdverbPose();
+        if (!figure.Channel.Sample(pose) || figure.Channel.Info.Verb != "locomotion") return float.PositiveInfinity;
+        float worst = 0f;
+        string[] names = figure.Channel.Info.Skeleton.Names;
+        for (int j = 1; j < names.Length; j++)
+        {
+            if (names[j].Contains("Leg") || names[j].Contains("Foot") || names[j].Contains("Toe")) continue;
+            float cosine = 0f;
+            for (int k = 3 + 4 * j; k < 7 + 4 * j; k++) cosine += pose.Values[k] * expected[k];
+            worst = Math.Max(worst, 1f - Math.Abs(cosine));
+        }
+        return worst;
     }
 
     static void Call(AdverbFigure figure, string name)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.clients.godot.godot import PREFIX, command
+from verbs import library
 
 GOAL = [-0.3, 1.2, 0.4]
 LOWERED = ["LeftForeArm", "LeftHand", "RightForeArm", "RightHand"]
@@ -19,7 +20,7 @@ LOWERED = ["LeftForeArm", "LeftHand", "RightForeArm", "RightHand"]
 def show(project, address, all_verbs):
     """Runs the scene until the hand is on its goal, or its patience ends."""
 
-    def run(other, hand, *, demo=False):
+    def run(other, hand, *, demo=False, **changed):
         skeleton = all_verbs.entries["reach"].verb.skeleton
         joints = {"names": skeleton.names, "parents": skeleton.parents.tolist(), "offsets": skeleton.offsets.tolist()}
         settings = {
@@ -33,6 +34,10 @@ def show(project, address, all_verbs):
             "other": other,
             "skeleton": joints,
             "lowered": LOWERED,
+            "method": "",
+            "adverbs": {},
+            "moves": False,
+            **changed,
         }
         line, environment = command(project, "figure", settings)
         done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
@@ -63,3 +68,15 @@ def test_the_demo_scene_runs(show, all_verbs):
     joints = len(all_verbs.entries["reach"].verb.skeleton.names)
     assert found["lines"] == 2 * (joints - 1)
     assert found["goal"]["z"] == pytest.approx(0.4, abs=1e-5)
+
+
+def test_a_figure_with_another_parent_goes_on(show):
+    found = show(False, "RightHand", moves=True)
+    assert found["distance"] < 0.002
+
+
+def test_a_goal_does_not_count_for_adverbs_other_than_a_point(show):
+    adverbs = {row.name: row.minimum / 2 for row in library.load("locomotion").adverbs}
+    found = show(False, "RightHand", verb="locomotion", adverbs=adverbs, method="rbf", tolerance_m=100.0)
+    assert found["goal"] == pytest.approx(adverbs)
+    assert found["method"] == "rbf"

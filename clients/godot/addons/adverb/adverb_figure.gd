@@ -13,6 +13,10 @@ signal reported(event)
 # Key; empty where the server requires none.
 @export var key: String = ""
 @export var verb: String = "reach"
+# Method of the verb; empty: that of the server.
+@export var method: String = ""
+# All adverbs of the verb by name, at the start; empty: the middle of the domain.
+@export var adverbs: Dictionary = {}
 # The skeleton; by default a child of this node. An empty one gets the bones of the verb.
 @export var skeleton: NodePath
 # Goal of verbs with the adverbs x, y, z, which the hand or foot meets. May be empty.
@@ -40,9 +44,16 @@ var _opened = ""
 var _aimed = []
 
 
-func _ready():
+func _enter_tree():
+	_rig = null
+	_opened = ""
+	pose = null
 	stream = Stream.new(server, key)
 	var options = {"fps": fps, "encoding": encoding, "speed": speed, "phase": phase, "play": play}
+	if method != "":
+		options["method"] = method
+	if adverbs.size() > 0:
+		options["adverbs"] = adverbs
 	channel = stream.session.open(verb, options)
 
 
@@ -75,18 +86,26 @@ func _exit_tree():
 
 # Continue with another verb, without a jump. Options: adverbs, method, phase, transition_s.
 func switch_to(name, options = {}):
-	stream.session.switch_to(channel, name, options)
+	if _is_open():
+		stream.session.switch_to(channel, name, options)
 
 
 # Change settings: adverbs, speed, phase, play, loop, fps, half_life, follow, priority.
 func change(settings):
-	stream.session.change(channel, settings)
+	if _is_open():
+		stream.session.change(channel, settings)
+
+
+func _is_open():
+	if stream == null:
+		push_warning("Adverb: %s is not in the scene" % get_name())
+	return stream != null
 
 
 # The skeleton that is driven; null where there is none.
 func target():
 	if not skeleton.is_empty():
-		return get_node(skeleton)
+		return get_node_or_null(skeleton)
 	for child in get_children():
 		if child is Skeleton3D:
 			return child
@@ -111,9 +130,13 @@ func _match(info):
 
 # Send a goal that differs from the last one.
 func _aim(info):
-	if goal.is_empty() or info["adverbs"].size() != 3:
+	var node = get_node_or_null(goal)
+	var names = []
+	for row in info["adverbs"]:
+		names.append(row["name"])
+	if node == null or names != ["x", "y", "z"]:
 		return
-	var point = target().global_transform.affine_inverse() * get_node(goal).global_transform.origin / _rig.scale
-	var adverbs = [point.x, point.y, point.z]
-	if adverbs != _aimed and stream.session.aim(channel, adverbs):
-		_aimed = adverbs
+	var point = target().global_transform.affine_inverse() * node.global_transform.origin / _rig.scale
+	var values = [point.x, point.y, point.z]
+	if values != _aimed and stream.session.aim(channel, values):
+		_aimed = values

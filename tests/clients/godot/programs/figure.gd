@@ -1,4 +1,5 @@
-# The demo scene against a server: waits until the hand is on the goal, and prints positions of the bones.
+# The demo scene against a server: waits until the hand is on the goal, and prints positions of the bones. With `moves`
+# the figure gets another parent once it is there, and has to reach its goal again.
 extends SceneTree
 
 const Platform = preload("res://addons/adverb/platform.gd")
@@ -20,6 +21,8 @@ func _initialize():
 	_figure = _scene.get_node("Figure")
 	_figure.server = _settings["server"]
 	_figure.verb = _settings["verb"]
+	_figure.method = _settings["method"]
+	_figure.adverbs = _settings["adverbs"]
 	_figure.play = false
 	_figure.phase = _settings["phase"]
 	var point = _settings["goal"]
@@ -44,6 +47,10 @@ func _idle(_delta):
 		distance = point.distance_to(_scene.get_node("Goal").global_transform.origin)
 	if distance > _settings["tolerance_m"] and OS.get_ticks_msec() < PATIENCE_S * 1000.0:
 		return false
+	if _settings["moves"]:
+		_settings["moves"] = false
+		_move()
+		return false
 	var positions = []
 	for k in range(skeleton.get_bone_count()):
 		var point = Platform.bone_position(skeleton, k)
@@ -53,10 +60,24 @@ func _idle(_delta):
 	var lines = mesh.surface_get_array_len(0) if mesh != null else 0
 	print("JSON " + Platform.json_text({
 		"distance": distance, "positions": positions, "values": values, "lines": lines,
-		"goal": _figure.stream.session.channels[_figure.channel]._adverbs
+		"goal": _figure.stream.session.channels[_figure.channel]._adverbs,
+		"method": _figure.stream.session.channels[_figure.channel].info["method"]
 	}))
 	quit()
 	return true
+
+
+# Give the figure another parent, and its goal another place.
+func _move():
+	var parent = Spatial.new()
+	root.add_child(parent)
+	_scene.remove_child(_figure)
+	_figure.change({"speed": 0.5})
+	_figure.switch_to("locomotion")
+	_figure.goal = NodePath("../../%s/Goal" % _scene.get_name())
+	_scene.get_node("Goal").transform.origin += Vector3(0.03, 0.02, 0.0)
+	parent.add_child(_figure)
+	_poses = 0
 
 
 # Bones with other names, other axes and 1.5 times the size; the arms hang down.

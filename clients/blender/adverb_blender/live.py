@@ -8,7 +8,10 @@ from typing import Any
 
 from .rest import Server, ServerError
 
-__all__ = ["Goal", "LivePoses"]
+__all__ = ["RETRY_S", "Goal", "LivePoses"]
+
+RETRY_S = 1.0
+"""Pause before a goal is requested again whose request failed; another goal ends it."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class LivePoses:
         self._thread.start()
 
     def aim(self, goal: Goal) -> None:
-        """Set the goal; one that equals the last requested one has no effect."""
+        """Set the goal; one that equals the last requested one has no effect, unless its request failed."""
         with self._changed:
             self._goal = goal
             self._changed.notify()
@@ -82,3 +85,6 @@ class LivePoses:
                 error = err
             with self._changed:
                 self._pose, self._error = pose or self._pose, error
+                if error is not None:
+                    self._changed.wait_for(lambda: self._stopping or self._goal != self._done, RETRY_S)
+                    self._done = None

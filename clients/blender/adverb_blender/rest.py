@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import urllib.error
 import urllib.request
@@ -20,7 +21,7 @@ class ServerError(Exception):
     Attributes
     ----------
     code : str
-        That of the server, or ``offline``.
+        That of the server, or ``offline``, ``malformed``, ``bad_address``.
     """
 
     def __init__(self, code: str, detail: str) -> None:
@@ -66,7 +67,12 @@ class Server:
         return self._call(f"/v1/verbs/{verb}/sequence", {"adverbs": adverbs, "fps": fps}, media_type)
 
     def _json(self, path: str, body: Json | None = None) -> Json:
-        found: Json = json.loads(self._call(path, body, "application/json"))
+        try:
+            found: Json = json.loads(self._call(path, body, "application/json"))
+        except ValueError as err:
+            raise ServerError("malformed", f"{self._address}{path}: {err}") from None
+        if not isinstance(found, dict):
+            raise ServerError("malformed", f"{self._address}{path}: expected a JSON object")
         return found
 
     def _call(self, path: str, body: Json | None, media_type: str) -> bytes:
@@ -85,13 +91,15 @@ class Server:
                 return found
         except urllib.error.HTTPError as err:
             raise _problem(err) from None
-        except OSError as err:
-            raise ServerError("offline", f"{self._address}: {getattr(err, 'reason', err)}") from None
+        except (OSError, http.client.HTTPException) as err:
+            raise ServerError("offline", f"{self._address}: {getattr(err, 'reason', None) or repr(err)}") from None
+        except ValueError as err:
+            raise ServerError("bad_address", f"{self._address}: {err}") from None
 
 
 def _problem(err: urllib.error.HTTPError) -> ServerError:
     try:
         fields = json.loads(err.read())
         return ServerError(fields["code"], fields["detail"])
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, OSError, http.client.HTTPException):
         return ServerError(f"http_{err.code}", str(err.reason))

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import socket
+import threading
 import time
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
@@ -23,6 +26,43 @@ def until(take):
         assert time.monotonic() < end, "nothing in time"
         time.sleep(0.005)
     return found
+
+
+@contextmanager
+def broken(*contents, length=None):
+    """Address of a server that gives one content after the other, then the last one again and again."""
+    left = list(contents)
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            content = left.pop(0) if len(left) > 1 else left[0]
+            self.send_response(200)
+            self.send_header("Content-Length", str(length or len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        def do_POST(self):
+            self.rfile.read(int(self.headers["Content-Length"]))
+            self.do_GET()
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("content", "length", "code"), [(b"{", 100, "offline"), (b"<html>", None, "malformed"), (b"[]", None, "malformed")]
+)
+def test_an_incomplete_or_invalid_answer_is_an_error(content, length, code):
+    with broken(content, length=length) as address, pytest.raises(ServerError) as found:
+        Server(address).verbs()
+    assert found.value.code == code
 
 
 def test_verbs_poses_and_motions_are_read(address, all_verbs):
@@ -79,3 +119,14 @@ def test_a_failed_request_is_reported_and_the_next_one_works(address):
     assert live.error is None
     live.stop()
     live.join(PATIENCE_S)
+
+
+def test_a_goal_whose_request_failed_is_requested_again():
+    with broken(b"<html>", b'{"verb": "arm3"}') as address:
+        live = LivePoses(Server(address))
+        live.aim(Goal("arm3", tuple(GOAL.items()), 0.5))
+        assert until(lambda: live.error).code == "malformed"
+        assert until(live.take)["verb"] == "arm3"
+        assert live.error is None
+        live.stop()
+        live.join(PATIENCE_S)

@@ -18,7 +18,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import adverb_blender
 import bpy
 from adverb_blender import armature, coordinates, ui
 from adverb_blender.example import Clip, positions
@@ -40,8 +39,10 @@ def distance_mm(found: Any, expected: Any) -> float:
 
 def start(server: str) -> Any:
     """A scene with the armature of the verb `reach`, made by the operators."""
+    import addon_utils  # it is found once bpy is imported
+
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    adverb_blender.register()
+    addon_utils.enable("adverb_blender", default_set=True)
     scene = bpy.context.scene
     scene.render.fps = FPS
     settings = scene.adverb
@@ -183,6 +184,40 @@ def read_mm(path: Path, sequence: Json, names: list[str]) -> float:
     return worst
 
 
+def check_scene(settings: Any, folder: Path) -> None:
+    """Markers, the frame, targets, the key and the live poses, each as the add-on's README has it."""
+    scene = bpy.context.scene
+    check_keys(settings)
+    markers = sorted((marker.name, marker.frame) for marker in scene.timeline_markers)
+    scene.frame_set(1)
+    bpy.ops.adverb.bake()
+    again = sorted((marker.name, marker.frame) for marker in scene.timeline_markers)
+    _expect(again == markers, f"baked twice: {again}, once: {markers}")
+    (folder / "verb.toml").touch()
+    settings.folder, settings.example = str(folder), "scene"
+    scene.frame_set(7)
+    bpy.ops.adverb.export()
+    _expect(scene.frame_current == 7, f"the frame after an export is {scene.frame_current}")
+    key, file = "adv_0123456789abcdef_" + "K" * 43, folder / "scene.blend"
+    bpy.context.preferences.addons["adverb_blender"].preferences.key = key
+    bpy.ops.wm.save_as_mainfile(filepath=str(file), compress=False)
+    bpy.context.preferences.addons["adverb_blender"].preferences.key = ""
+    _expect(key.encode() not in file.read_bytes(), "the file of the scene has the key")
+    target, settings.target = settings.target, bpy.data.objects.new("Mesh", bpy.data.meshes.new("Mesh"))
+    ui.start_live()
+    _expect(ui.step() is not None and "armature" in ui._problem, f"a mesh as target: {ui._problem!r}")
+    settings.target = target
+    ui.step()
+    _expect(not ui._problem, f"after a mesh as target: {ui._problem!r}")
+    bpy.ops.wm.open_mainfile(filepath=str(file))
+    _expect(ui._live is None, "the live poses go on in another file")
+
+
+def _expect(holds: bool, detail: str) -> None:
+    if not holds:
+        raise SystemExit(detail)
+
+
 def check_files(settings: Any, folder: Path) -> dict[str, float]:
     """One motion as .bvh and .glb of the server, read by Blender: largest distances, millimetres."""
     server, found = Server(settings.server), {}
@@ -211,10 +246,13 @@ def main() -> None:
         folder = Path(name) / "source"
         folder.mkdir()
         found = check_export(settings, options.adverb, folder)
+        (Path(name) / "scene").mkdir()
+        check_scene(settings, Path(name) / "scene")
     print(f"| joints of exported examples, read by Blender, at {TIMES} times | {found['exported_mm']:.4f} |")
     print(f"| the hand of the verb built of {found['examples']} exported examples | {found['hand_mm']:.4f} |")
     print(f"| all joints of that verb's pose there | {found['joints_mm']:.4f} |")
     print(f"warnings of adverb build: {found['warnings']}")
+    print("markers, frame, targets, key and live poses of a scene: as they should be")
 
 
 if __name__ == "__main__":

@@ -93,6 +93,7 @@ def read(armature: Any, scene: Any, first: int, last: int) -> Clip:
         offsets.append(coordinates.from_blender(size * head))
     turn = armature.matrix_world.to_quaternion()
     roots, rotations = [], []
+    before = scene.frame_current
     for frame in range(first, last + 1):
         scene.frame_set(frame)
         globals_ = [turn @ bone.matrix.to_quaternion() @ _rest(bone).inverted() for bone in bones]
@@ -102,6 +103,7 @@ def read(armature: Any, scene: Any, first: int, last: int) -> Clip:
             for value, parent in zip(globals_, parents, strict=True)
         ]
         rotations.append([coordinates.rotation_from_blender((value.x, value.y, value.z, value.w)) for value in local])
+    scene.frame_set(before)
     fps = scene.render.fps / scene.render.fps_base
     return Clip([bone.name for bone in bones], parents, offsets, fps, roots, rotations)
 

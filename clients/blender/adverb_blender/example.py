@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from .coordinates import Quaternion, Vector, multiply, rotate, zxy
 
-__all__ = ["Clip", "bvh", "example_lines", "keytimes_of", "positions", "save_example"]
+__all__ = ["Clip", "bvh", "example_lines", "keytimes_of", "positions", "save_example", "stale_markers"]
 
 Numbers = Sequence[float]
 
@@ -105,6 +106,12 @@ def keytimes_of(markers: Sequence[tuple[str, float]], start: float, fps: float) 
     return [round((frame - start) / fps, 6) for frame in frames]
 
 
+def stale_markers(markers: Sequence[tuple[str, float]], names: Sequence[str], start: float) -> list[int]:
+    """Indices of the markers of an earlier motion from the same frame: up to the next marker of the first name."""
+    end = min((frame for name, frame in markers if name == names[0] and frame > start), default=math.inf)
+    return [k for k, (name, frame) in enumerate(markers) if name in names and start <= frame < end]
+
+
 def example_lines(file: str, keytimes: Numbers, adverbs: Numbers) -> str:
     """The table ``[[example]]`` of verb.toml."""
     times = ", ".join(repr(float(value)) for value in keytimes)
@@ -113,7 +120,15 @@ def example_lines(file: str, keytimes: Numbers, adverbs: Numbers) -> str:
 
 
 def save_example(folder: Path, name: str, clip: Clip, keytimes: Numbers, adverbs: Numbers) -> Path:
-    """Write NAME.bvh, and append its lines to verb.toml of the folder; returns the BVH file."""
+    """Write NAME.bvh, and append its lines to verb.toml of the folder; returns the BVH file.
+
+    Raises
+    ------
+    ValueError
+        If the folder has no verb.toml, or has a file of the name.
+    """
+    if not (folder / "verb.toml").is_file():
+        raise ValueError(f"{folder} has no verb.toml; write its head first, see docs/source.md")
     path = folder / f"{name}.bvh"
     if path.exists():
         raise ValueError(f"{path} exists")

@@ -74,9 +74,25 @@ def test_a_folder_of_exported_examples_is_a_verb(tmp_path):
 
 def test_an_example_is_not_overwritten(tmp_path, reach):
     clip, _ = clip_of(reach, [-0.3, 1.2, 0.4])
+    (tmp_path / "verb.toml").touch()
     example.save_example(tmp_path, "one", clip, [0.0, 1.0], [0.0])
     with pytest.raises(ValueError, match="exists"):
         example.save_example(tmp_path, "one", clip, [0.0, 1.0], [0.0])
+
+
+def test_a_folder_without_a_source_gets_no_file(tmp_path, reach):
+    clip, _ = clip_of(reach, [-0.3, 1.2, 0.4])
+    with pytest.raises(ValueError, match=r"verb\.toml"):
+        example.save_example(tmp_path, "one", clip, [0.0, 1.0], [0.0])
+    assert not list(tmp_path.iterdir())
+
+
+def test_markers_of_an_earlier_motion_are_replaced():
+    names = ["start", "apex", "end"]
+    markers = [("start", 1), ("apex", 20), ("end", 45), ("music", 20), ("start", 50), ("apex", 70), ("end", 90)]
+    assert example.stale_markers(markers, names, 1) == [0, 1, 2]
+    assert example.stale_markers(markers, names, 50) == [4, 5, 6]
+    assert example.stale_markers(markers, names, 100) == []
 
 
 @pytest.mark.parametrize(

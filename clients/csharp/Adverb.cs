@@ -1681,7 +1681,8 @@ namespace Adverb
         Lost,
         /// <summary>The connection is restored.</summary>
         Restored,
-        /// <summary>The stream is closed for good: the last event.</summary>
+        /// <summary>The stream is closed for good: the last event, unless <see cref="AdverbStream.SetKey"/> connects it
+        /// again.</summary>
         Closed,
     }
 
@@ -2155,7 +2156,7 @@ namespace Adverb
         internal readonly object Gate = new object();
 
         readonly Uri _uri;
-        readonly string _key, _root;
+        readonly string _root;
         readonly Delays _delays;
         readonly Lateness _lateness = new Lateness();
         readonly Outbox _outbox = new Outbox();
@@ -2171,7 +2172,7 @@ namespace Adverb
         readonly Random _random = new Random();
         Task _task;
         AdverbException _ended;
-        string _session = "", _failure = "not connected yet";
+        string _key, _session = "", _failure = "not connected yet";
         uint _sequence;
         long _droppedBefore, _lastPing, _barrier;
         bool _live, _connected;
@@ -2220,6 +2221,25 @@ namespace Adverb
             string failure = _failure;
             await CloseAsync().ConfigureAwait(false);
             throw new AdverbException("offline", _uri + ": no stream within " + timeoutS + " s: " + failure);
+        }
+
+        /// <summary>Sets the key of the next connections (null: none). A stream that has ended because its key was
+        /// refused connects again, and goes on with its channels in their current state.</summary>
+        public void SetKey(string key)
+        {
+            lock (Gate)
+            {
+                _key = key;
+                if (_ended == null || !IsRefusal(_ended) || _closing.IsCancellationRequested) return;
+                _ended = null;
+                _failures = 0;
+                _task = Task.Run(RunAsync);
+            }
+        }
+
+        static bool IsRefusal(AdverbException error)
+        {
+            return error.Status == 401 || error.Status == 403;
         }
 
         /// <summary>Closes the stream and its channels; received poses stay readable.</summary>
@@ -2520,8 +2540,9 @@ namespace Adverb
             using (CancellationTokenSource cancel = CancellationTokenSource.CreateLinkedTokenSource(_closing.Token))
             {
                 socket.Options.AddSubProtocol(Subprotocol);
-                if (_key != null && KeyAsSubprotocol) socket.Options.AddSubProtocol("adverb.bearer." + _key);
-                else if (_key != null) socket.Options.SetRequestHeader("Authorization", "Bearer " + _key);
+                string key = _key;
+                if (key != null && KeyAsSubprotocol) socket.Options.AddSubProtocol("adverb.bearer." + key);
+                else if (key != null) socket.Options.SetRequestHeader("Authorization", "Bearer " + key);
                 try
                 {
                     await WithinAsync(socket.ConnectAsync(_uri, cancel.Token), socket,
@@ -2540,22 +2561,23 @@ namespace Adverb
         /// <summary>Ends the stream where the server refuses the key: handshakes do not state the reason.</summary>
         async Task CheckAccessAsync()
         {
+            string key = _key;
             try
             {
-                using (var client = new AdverbClient(_root, _key, HelloTimeoutS))
+                using (var client = new AdverbClient(_root, key, HelloTimeoutS))
                 {
                     Dictionary<string, object> access = await client.AccessAsync().ConfigureAwait(false);
                     object scopes;
                     access.TryGetValue("scopes", out scopes);
                     var list = scopes as List<object>;
-                    if (_key != null && list != null && list.Count > 0 && !list.Contains("pose")
+                    if (key != null && list != null && list.Count > 0 && !list.Contains("pose")
                         && !list.Contains("admin"))
                         throw new AdverbException("missing_scope", "the key does not have the scope pose", 403);
                 }
             }
             catch (AdverbException error)
             {
-                if (error.Status == 401 || error.Status == 403) throw;
+                if (IsRefusal(error) && key == _key) throw;
             }
         }
 

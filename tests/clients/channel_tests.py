@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import itertools
 import socket
+from contextlib import closing
 from types import MappingProxyType
 
 import numpy as np
 import pytest
 
 from service.catalog.catalog import Catalog, Entry
+from tests.clients.proxy import Proxy
+from tests.service.access.conftest import added
 from tests.service.stream.conftest import Server
 
 GOAL = {"x": 0.5, "y": 0.2}
@@ -90,6 +93,24 @@ class ChannelTests:
             driver.until("restored")
             number = driver.until("pose")["number"]
             driver.until("pose", lambda row: row["number"] > number + 5)
+
+    def test_a_key_that_is_revoked_without_a_connection_ends_the_stream_until_the_next_one(self, guarded, drive):
+        key = added(guarded.store, "pose")
+        with (
+            closing(Proxy(guarded.server.port)) as proxy,
+            drive(proxy.url, key=key, stays=True, options=HELD) as driver,
+        ):
+            driver.until("pose", lambda row: near(row, GOAL))
+            proxy.accepting = False
+            proxy.cut()
+            driver.until("lost")
+            guarded.store.revoke(key.split("_")[1])
+            proxy.accepting = True
+            assert driver.until("closed")["code"] == "unauthenticated"
+            driver.send("set", adverbs={"x": 0.45})
+            driver.send("key", key=guarded.keys["admin"])
+            driver.until("restored")
+            driver.until("pose", lambda row: near(row, {**GOAL, "x": 0.45}))
 
     def test_on_a_slow_and_unsteady_network_the_phase_never_runs_back(self, proxy, drive):
         delays = itertools.cycle([0.0, 0.0, 0.03, 0.0, 0.08, 0.0, 0.0, 0.05])

@@ -65,6 +65,7 @@ class Driver(driver.Driver):
             "timeout": 10.0,
             "silence": 10.0,
             "patience": 10.0,
+            "stays": False,
         }
         content |= {"port": self._listener.getsockname()[1], **settings}
         super().__init__(*command(project, content.pop("program", "driver"), content))

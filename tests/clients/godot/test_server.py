@@ -102,8 +102,10 @@ def test_a_wrong_key_is_an_error_and_a_revoked_one_ends_the_stream(drive, guarde
     for key in ("", WRONG_KEY, guarded.keys["revoked"]):
         with drive(url, key=key) as driver:
             assert driver.until("ended")["code"] == "unauthenticated"
-    with drive(url, key=guarded.keys["refine"]) as driver:
-        assert driver.until("ended")["code"] == "missing_scope"
+    with drive(url, key=guarded.keys["refine"], stays=True) as driver:
+        assert driver.until("closed")["code"] == "missing_scope"
+        driver.send("key", key=guarded.keys["admin"])
+        driver.until("pose")
     with drive(url, key=guarded.keys["pose"]) as driver:
         driver.until("pose")
         guarded.store.revoke(guarded.keys["pose"].split("_")[1])

@@ -48,6 +48,8 @@ var _again_at_s = 0.0
 var _disconnected_s = NAN
 var _connected_once = false
 var _failures = 0
+# Whether the stream has ended because of its key.
+var _refused = false
 
 
 # `address`: http:// or https:// with host and port. `key`: empty where the server requires none.
@@ -68,8 +70,23 @@ func take_events():
 	return found
 
 
+# Set the key of the next connections. A stream that has ended because its key was refused connects again, and goes on
+# with its channels in their current state.
+func set_key(key):
+	_key = key
+	_check = null
+	if not _refused:
+		return
+	_refused = false
+	ended = {}
+	_failures = 0
+	_again_at_s = 0.0
+	_disconnected_s = NAN
+
+
 # Close the stream; the server closes its channels.
 func close():
+	_refused = false
 	_end("closed", "the stream was closed by this client")
 
 
@@ -167,9 +184,11 @@ func _poll_check():
 	var body = Platform.json_value(_check.text()) if status > 0 else null
 	_check = null
 	var fields = body if typeof(body) == TYPE_DICTIONARY else {}
-	if status == 401 or status == 403:
+	_refused = status == 401 or status == 403
+	if _refused:
 		_end(fields.get("code", "unauthenticated"), fields.get("detail", "the key was refused"))
 	elif status == 200 and _key != "" and not _may_pose(fields.get("scopes")):
+		_refused = true
 		_end("missing_scope", "the key does not have the scope pose")
 	else:
 		_give_up(Platform.now_s())

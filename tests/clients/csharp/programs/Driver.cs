@@ -40,7 +40,8 @@ sealed class Driver
             return 1;
         }
         new Thread(Listen) { IsBackground = true }.Start();
-        while (!_closing && _stream.Ended == null)
+        bool stays = _given.ContainsKey("stays");
+        while (!_closing && (stays || _stream.Ended == null))
         {
             PrintEvents();
             PrintPose();
@@ -81,6 +82,7 @@ sealed class Driver
             case "closed set": _closed.Set(OptionsOf(command["options"])); break;
             case "closed switch": await _stream.SwitchAsync(_closed, (string)command["verb"]); break;
             case "closed close": _stream.Close(_closed); break;
+            case "key": _stream.SetKey((string)command["key"]); break;
             case "stats": PrintStats(); break;
             case "close": _closing = true; break;
         }
@@ -125,6 +127,7 @@ sealed class Driver
                 { "close_code", found.CloseCode }, { "resumed", found.Resumed }, { "fields", found.Fields },
             };
             if (found.Error != null) row["error"] = RestRuns.Error(found.Error);
+            if (found.Error != null) row["code"] = found.Error.Code;
             Program.Print(row);
         }
     }

@@ -12,7 +12,7 @@ var _stream
 var _channel = 0
 var _shown = 0
 var _pose_at_s = 0.0
-var _announced = false
+var _stays = false
 
 
 func _initialize():
@@ -24,6 +24,7 @@ func _initialize():
 	_stream.connect_timeout_s = settings["timeout"]
 	_stream.silence_s = settings["silence"]
 	_stream.hello_timeout_s = settings["patience"]
+	_stays = settings["stays"]
 	var options = settings["options"]
 	if options.has("fps"):
 		options["fps"] = int(options["fps"])
@@ -35,7 +36,7 @@ func _idle(_delta):
 	for event in _stream.take_events():
 		_print(event["kind"], event)
 	_read_commands()
-	if _stream.ended.size() > 0:
+	if _stream.ended.size() > 0 and not _stays:
 		_print("ended", _stream.ended)
 		quit()
 		return true
@@ -86,6 +87,8 @@ func _run(fields):
 			_stream.session.switch_to(_channel, fields["verb"], {})
 		"view":
 			_stream.session.view({"budget_kbps": int(fields["budget_kbps"])})
+		"key":
+			_stream.set_key(fields["key"])
 		"stats":
 			var stats = _stream.session.stats.duplicate()
 			stats["round_trip_s"] = _stream.session.clock.round_trip_s()

@@ -2127,7 +2127,7 @@ namespace Adverb
     /// </summary>
     public sealed class AdverbStream : IDisposable
     {
-        const string Subprotocol = "adverb.v1";
+        const string Subprotocol = "adverb.v1", StreamPath = "/v1/stream";
         const int RevokedCode = 4401, ResumedElsewhere = 4009, MaxEvents = 1024, MaxPings = 64;
         const int MaxMessageBytes = 64 * 1024 * 1024;
         const double HelloTimeoutS = 10.0, StableAfterS = 5.0, MaxDrainS = 60.0;
@@ -2181,7 +2181,8 @@ namespace Adverb
         Dictionary<string, object> _hello, _view;
 
         /// <summary>Makes a stream; <see cref="ConnectAsync"/> connects it.</summary>
-        /// <param name="baseUrl">Address of the server: http, https, ws or wss; the path is optional.</param>
+        /// <param name="baseUrl">Address of the server: http, https, ws or wss, host and port, and the path where a proxy
+        /// gives it one.</param>
         /// <param name="key">Key; null where the server requires none.</param>
         /// <param name="delays">Bounds of the jitter buffers.</param>
         public AdverbStream(string baseUrl, string key = null, Delays delays = null)
@@ -2190,9 +2191,11 @@ namespace Adverb
             bool secure = given.Scheme == "https" || given.Scheme == "wss";
             if (!secure && given.Scheme != "http" && given.Scheme != "ws")
                 throw new ArgumentException("expected http://, https://, ws:// or wss://, got " + baseUrl);
-            string path = given.AbsolutePath.TrimEnd('/').Length == 0 ? "/v1/stream" : given.AbsolutePath;
-            _uri = new Uri((secure ? "wss://" : "ws://") + given.Authority + path + given.Query);
-            _root = (secure ? "https://" : "http://") + given.Authority;
+            string path = given.AbsolutePath.TrimEnd('/');
+            if (path.EndsWith(StreamPath, StringComparison.Ordinal))
+                path = path.Substring(0, path.Length - StreamPath.Length);
+            _uri = new Uri((secure ? "wss://" : "ws://") + given.Authority + path + StreamPath + given.Query);
+            _root = (secure ? "https://" : "http://") + given.Authority + path;
             _key = key;
             _delays = delays ?? new Delays();
         }

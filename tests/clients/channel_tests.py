@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import itertools
+import queue
 import socket
-from contextlib import closing
+import threading
+from contextlib import closing, contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import MappingProxyType
 
 import numpy as np
 import pytest
 
 from service.catalog.catalog import Catalog, Entry
+from tests.clients.driver import PATIENCE_S
 from tests.clients.proxy import Proxy
 from tests.service.access.conftest import added
 from tests.service.stream.conftest import Server
@@ -28,6 +32,27 @@ def near(row, goal, tolerance_m=1e-4):
 def unused_port():
     with socket.create_server(("127.0.0.1", 0)) as free:
         return free.getsockname()[1]
+
+
+@contextmanager
+def requests():
+    """Address of a server that has nothing, and the queue of the paths that it receives."""
+    paths = queue.Queue()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            paths.put(self.path)
+            self.send_error(404)
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}", paths
+        finally:
+            server.shutdown()
 
 
 class ChannelTests:
@@ -93,6 +118,11 @@ class ChannelTests:
             driver.until("restored")
             number = driver.until("pose")["number"]
             driver.until("pose", lambda row: row["number"] > number + 5)
+
+    def test_an_address_may_have_a_path(self, drive):
+        with requests() as (url, paths), drive(f"{url}/characters/adverb/", timeout=30.0):
+            assert paths.get(timeout=PATIENCE_S) == "/characters/adverb/v1/stream"
+            assert paths.get(timeout=PATIENCE_S) == "/characters/adverb/v1/access"
 
     def test_a_key_that_is_revoked_without_a_connection_ends_the_stream_until_the_next_one(self, guarded, drive):
         key = added(guarded.store, "pose")

@@ -8,7 +8,7 @@ const Stream = preload("stream.gd")
 # Something that the stream reports: {kind, …}, see Session.events.
 signal reported(event)
 
-# Address of the server: http:// or https://, host and port.
+# Address of the server: http:// or https://, host and port, and the path where a proxy gives it one.
 @export var server: String = "http://127.0.0.1:8000"
 # Key; empty where the server requires none.
 @export var key: String = ""

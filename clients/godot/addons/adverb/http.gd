@@ -18,10 +18,14 @@ var _sent = false
 var _end_s = 0.0
 
 
-# Start a request. `address`: http:// or https:// with host and port; `key` and `content` may be empty.
+# Start a request. `address`: http:// or https:// with host and port, and maybe a path; `key` and `content` may be empty.
 func start(address, method, path, key, content):
 	var secure = address.begins_with("https://")
 	var host = address.substr(8 if secure else 7, address.length()).rstrip("/")
+	var slash = host.find("/")
+	if slash >= 0:
+		path = host.substr(slash, host.length()) + path
+		host = host.substr(0, slash)
 	var port = 443 if secure else 80
 	var colon = host.rfind(":")
 	if colon > 0 and host.find("]") < colon:

@@ -52,7 +52,7 @@ var _failures = 0
 var _refused = false
 
 
-# `address`: http:// or https:// with host and port. `key`: empty where the server requires none.
+# `address`: http:// or https:// with host and port, and maybe a path. `key`: empty where the server requires none.
 func _init(address, key):
 	_address = address.rstrip("/")
 	_key = key

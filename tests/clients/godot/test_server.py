@@ -75,6 +75,8 @@ def test_a_switch_continues_with_another_verb(drive):
 def test_unknown_names_are_errors(drive):
     with drive(verb="arm4") as driver:
         assert driver.until("error")["code"] == "unknown_verb"
+    with drive(options={"encoding": "weights", "send": "changes"}) as driver:
+        assert driver.until("error")["code"] == "unsupported"
     with drive(options={"adverbs": {"w": 1.0}}) as driver:
         assert driver.until("error")["code"] == "unknown_adverb"
     with drive(options=HELD) as driver:

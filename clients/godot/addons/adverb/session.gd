@@ -50,8 +50,12 @@ var _lost_s = NAN
 # --- requests ---
 
 
-# Open a channel: one character. Options are those of `open` in docs/wire.md. Its number; -1: all are in use.
+# Open a channel: one character. Options are those of `open` in docs/wire.md except `send`, because a channel without
+# messages is held after 0.1 s. Its number; -1: all are in use, or an option is not supported (event `error`).
 func open(verb, options):
+	if options.has("send"):
+		_emit({"kind": "error", "channel": -1, "code": "unsupported", "detail": "the option 'send' is not supported"})
+		return -1
 	var number = 0
 	while channels.has(number):
 		number += 1

@@ -158,8 +158,3 @@ def test_damaged_files_and_wrong_arguments_are_rejected(program):
         assert part in row
     assert found[-1] is None, "a pose in the middle of the domain is no error"
     assert [row.partition(":")[0] for row in found[:6]] == ["artifact_invalid"] * 6
-
-
-def test_the_speed_is_measured(program):
-    found = run(program, "bench", str(evaluator_vectors.ROOT / "verbs" / "library"), "reach,locomotion,arm3")
-    assert all(time_us > 0 for row in found.values() for time_us in row.values())

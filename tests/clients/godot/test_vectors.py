@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
-from textwrap import indent
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from adverb_client import Layout, decode_message
 from tests.clients import jitter_plan
 from tests.clients.godot.godot import run
 from tests.golden import make_wire_vectors
-from tools import evaluator_vectors, godot3
+from tools import evaluator_vectors
 
 VECTORS = json.loads(make_wire_vectors.PATH.read_text("utf-8"))
 EVALUATOR = json.loads(evaluator_vectors.PATH.read_text("utf-8"))
@@ -140,24 +138,3 @@ def test_damaged_files_are_rejected(project):
     *damaged, whole = run(project, "vectors", "damage", str(evaluator_vectors.ROOT / "tests/golden/arm.v1.verb"))
     assert all(damaged)
     assert whole == ""
-
-
-def test_the_speed_is_measured(project):
-    assert run(project, "vectors", "bench", str(evaluator_vectors.ROOT / "verbs/library/arm3.verb"), 20) > 0.0
-
-
-def test_the_examples_of_the_readme_are_valid(project):
-    text = (godot3.CLIENT / "README.md").read_text("utf-8")
-    node, script, evaluation = re.findall(r"```gdscript\n(.*?)```", text, re.DOTALL)
-    node = node.replace('.connect("reported", _on_reported)', '.connect("reported", self, "_on_reported")')
-    evaluator = 'extends Node\nconst Evaluator = preload("res://addons/adverb/evaluator.gd")\nfunc run(http):\n'
-    sources = [
-        "extends Node\nfunc run():\n" + indent(node, "    "),
-        "extends Node\n" + script,
-        evaluator + indent(evaluation, "    "),
-    ]
-    paths = []
-    for k, source in enumerate(sources):
-        (project / f"example{k}.gd").write_text(godot3.translate(source), encoding="utf-8")
-        paths.append(f"res://example{k}.gd")
-    assert run(project, "vectors", "compiles", paths) == [True, True, True]

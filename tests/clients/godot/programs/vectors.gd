@@ -67,15 +67,6 @@ func texts(vectors):
 	return found
 
 
-# Whether scripts can be loaded.
-func compiles(paths):
-	var found = []
-	for path in paths:
-		var script = load(path)
-		found.append(script != null and script.can_instance())
-	return found
-
-
 # Rotations of words, each decoded as a record of one joint.
 func words(vectors):
 	var found = []

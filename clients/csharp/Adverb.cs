@@ -2236,6 +2236,7 @@ namespace Adverb
                 if (_ended == null || !IsRefusal(_ended) || _closing.IsCancellationRequested) return;
                 _ended = null;
                 _failures = 0;
+                _ready.TrySetResult(true); // no ConnectAsync waits; ReconnectTimeoutS holds from now on
                 _task = Task.Run(RunAsync);
             }
         }

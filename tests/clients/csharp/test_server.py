@@ -158,8 +158,10 @@ def test_a_wrong_key_is_an_error_and_a_revoked_one_ends_the_stream(program, driv
         with drive(url, key=key) as driver:
             row = driver.until("failed")
             assert (row["code"], row["status"]) == ("unauthenticated", 401)
-    with drive(url, key=guarded.keys["refine"]) as driver:
+    with drive(url, key=guarded.keys["refine"], stays=True) as driver:
         assert driver.until("failed")["code"] == "missing_scope"
+        driver.send("key", key=guarded.keys["admin"])
+        driver.until("pose")
     with drive(url, key=guarded.keys["admin"], subprotocol=True) as driver:
         driver.until("pose")
     with drive(url, key=guarded.keys["pose"]) as driver:

@@ -29,18 +29,20 @@ sealed class Driver
         _stream.MaxDelayS = 0.2;
         if (_given.ContainsKey("silence")) _stream.SilenceS = _given["silence"].Num();
         _stream.KeyAsSubprotocol = _given.ContainsKey("subprotocol");
+        bool stays = _given.ContainsKey("stays");
         try
         {
             await _stream.ConnectAsync(_given.ContainsKey("timeout") ? _given["timeout"].Num() : 10.0);
-            _channel = await _stream.OpenAsync((string)_given["verb"], OptionsOf(_given.OrNull("options")));
+            await Open();
         }
         catch (AdverbException error)
         {
             Failed(error);
-            return 1;
+            if (!stays) return 1;
+            _stream.SetKey((string)Json.ParseObject(Console.In.ReadLine())["key"]);
+            await Open();
         }
         new Thread(Listen) { IsBackground = true }.Start();
-        bool stays = _given.ContainsKey("stays");
         while (!_closing && (stays || _stream.Ended == null))
         {
             PrintEvents();
@@ -50,6 +52,11 @@ sealed class Driver
         await _stream.CloseAsync();
         PrintEvents();
         return 0;
+    }
+
+    async Task Open()
+    {
+        _channel = await _stream.OpenAsync((string)_given["verb"], OptionsOf(_given.OrNull("options")));
     }
 
     void Listen()
@@ -93,7 +100,7 @@ sealed class Driver
     {
         _closed = _channel;
         _stream.Close(_closed);
-        _channel = await _stream.OpenAsync((string)_given["verb"], OptionsOf(_given.OrNull("options")));
+        await Open();
         Program.Print(new Dictionary<string, object> { { "event", "replaced" }, { "number", _channel.Number } });
     }
 

@@ -39,7 +39,7 @@ def distance_mm(found: Any, expected: Any) -> float:
 
 def start(server: str) -> Any:
     """A scene with the armature of the verb `reach`, made by the operators."""
-    import addon_utils  # it is found once bpy is imported
+    import addon_utils  # type: ignore[import-not-found]  # it is found once bpy is imported
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     addon_utils.enable("adverb_blender", default_set=True)
@@ -210,7 +210,7 @@ def check_scene(settings: Any, folder: Path) -> None:
     ui.step()
     _expect(not ui._problem, f"after a mesh as target: {ui._problem!r}")
     bpy.ops.wm.open_mainfile(filepath=str(file))
-    _expect(ui._live is None, "the live poses go on in another file")
+    _expect(ui._live is None, "the live poses do not end where another file is opened")
 
 
 def _expect(holds: bool, detail: str) -> None:

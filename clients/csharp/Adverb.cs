@@ -430,7 +430,7 @@ namespace Adverb
         /// <summary>Positions in the parents' frames: 3 numbers per joint, metres.</summary>
         public readonly double[] Offsets;
 
-        double[] _rotations = new double[0], _places = new double[0];
+        double[] _rotations = new double[0], _positions = new double[0];
 
         /// <summary>Makes a skeleton.</summary>
         public Skeleton(string[] names, int[] parents, double[] offsets)
@@ -464,7 +464,7 @@ namespace Adverb
             if (_rotations.Length == 0)
             {
                 _rotations = new double[4 * Names.Length + 4];
-                _places = new double[3 * Names.Length];
+                _positions = new double[3 * Names.Length];
             }
             int local = 4 * Names.Length;
             for (int j = 0; j < Names.Length; j++)
@@ -474,25 +474,25 @@ namespace Adverb
                 if (parent < 0)
                 {
                     for (int k = 0; k < 4; k++) _rotations[4 * j + k] = _rotations[local + k];
-                    for (int k = 0; k < 3; k++) _places[3 * j + k] = values[k];
+                    for (int k = 0; k < 3; k++) _positions[3 * j + k] = values[k];
                     continue;
                 }
                 Quat.Multiply(_rotations, 4 * parent, _rotations, local, _rotations, 4 * j);
-                Place(j, parent);
+                Locate(j, parent);
             }
-            for (int k = 0; k < positions.Length; k++) positions[k] = (float)_places[k];
+            for (int k = 0; k < positions.Length; k++) positions[k] = (float)_positions[k];
             if (rotations != null) for (int k = 0; k < rotations.Length; k++) rotations[k] = (float)_rotations[k];
         }
 
-        void Place(int j, int parent)
+        void Locate(int j, int parent)
         {
             double x = _rotations[4 * parent], y = _rotations[4 * parent + 1];
             double z = _rotations[4 * parent + 2], w = _rotations[4 * parent + 3];
             double vx = Offsets[3 * j], vy = Offsets[3 * j + 1], vz = Offsets[3 * j + 2];
             double tx = 2.0 * (y * vz - z * vy), ty = 2.0 * (z * vx - x * vz), tz = 2.0 * (x * vy - y * vx);
-            _places[3 * j] = _places[3 * parent] + vx + w * tx + y * tz - z * ty;
-            _places[3 * j + 1] = _places[3 * parent + 1] + vy + w * ty + z * tx - x * tz;
-            _places[3 * j + 2] = _places[3 * parent + 2] + vz + w * tz + x * ty - y * tx;
+            _positions[3 * j] = _positions[3 * parent] + vx + w * tx + y * tz - z * ty;
+            _positions[3 * j + 1] = _positions[3 * parent + 1] + vy + w * ty + z * tx - x * tz;
+            _positions[3 * j + 2] = _positions[3 * parent + 2] + vz + w * tz + x * ty - y * tx;
         }
 
         internal static Skeleton Of(Dictionary<string, object> fields)
@@ -2181,8 +2181,8 @@ namespace Adverb
         Dictionary<string, object> _hello, _view;
 
         /// <summary>Makes a stream; <see cref="ConnectAsync"/> connects it.</summary>
-        /// <param name="baseUrl">Address of the server: http, https, ws or wss, host and port, and the path where a proxy
-        /// gives it one.</param>
+        /// <param name="baseUrl">Address of the server: http, https, ws or wss, host and port, and the path where a
+        /// proxy gives it one.</param>
         /// <param name="key">Key; null where the server requires none.</param>
         /// <param name="delays">Bounds of the jitter buffers.</param>
         public AdverbStream(string baseUrl, string key = null, Delays delays = null)
@@ -2227,7 +2227,7 @@ namespace Adverb
         }
 
         /// <summary>Sets the key of the next connections (null: none). A stream that has ended because its key was
-        /// refused connects again, and goes on with its channels in their current state.</summary>
+        /// refused connects again, and continues with its channels in their current state.</summary>
         public void SetKey(string key)
         {
             lock (Gate)
@@ -3690,7 +3690,7 @@ namespace Adverb
         public readonly double[] KeytimePhases;
 
         readonly float[] _curves;
-        readonly double[] _references, _sums, _given, _inside, _turn = new double[4];
+        readonly double[] _references, _sums, _given, _inside, _rotation = new double[4];
         readonly int _intervals;
         readonly bool _vectors;
         readonly TimeWarp _warp;
@@ -3864,11 +3864,11 @@ namespace Adverb
             int at = r + 4;
             double x = _sums[at], y = _sums[at + 1], z = _sums[at + 2], angle = Math.Sqrt(x * x + y * y + z * z);
             double scale = angle > 1e-9 ? Math.Sin(0.5 * angle) / angle : 0.5;
-            _turn[0] = scale * x;
-            _turn[1] = scale * y;
-            _turn[2] = scale * z;
-            _turn[3] = Math.Cos(0.5 * angle);
-            Quat.Multiply(_references, r, _turn, 0, _sums, at);
+            _rotation[0] = scale * x;
+            _rotation[1] = scale * y;
+            _rotation[2] = scale * z;
+            _rotation[3] = Math.Cos(0.5 * angle);
+            Quat.Multiply(_references, r, _rotation, 0, _sums, at);
         }
 
         /// <summary>Moves the pose, whose root has a height and no heading, to its place in the world.</summary>
@@ -3878,10 +3878,10 @@ namespace Adverb
             _sums[0] = _walk.Place[0];
             _sums[1] += _walk.Place[3];
             _sums[2] = _walk.Place[1];
-            _turn[0] = _turn[2] = 0.0;
-            _turn[1] = Math.Sin(0.5 * _walk.Place[2]);
-            _turn[3] = Math.Cos(0.5 * _walk.Place[2]);
-            Quat.Multiply(_turn, 0, _sums, 4, _sums, 4);
+            _rotation[0] = _rotation[2] = 0.0;
+            _rotation[1] = Math.Sin(0.5 * _walk.Place[2]);
+            _rotation[3] = Math.Cos(0.5 * _walk.Place[2]);
+            Quat.Multiply(_rotation, 0, _sums, 4, _sums, 4);
         }
 
         static AdverbInfo[] AdverbsOf(Dictionary<string, object> facts)

@@ -53,8 +53,8 @@ namespace Adverb
         {
             internal int Joint;
             internal Transform Target;
-            internal Quaternion Rest, Turn, Correction;
-            internal Vector3 Place;
+            internal Quaternion Rest, Rotation, Correction;
+            internal Vector3 Position;
         }
 
         /// <summary>The channel, for settings and switches; null before it is open.</summary>
@@ -157,7 +157,7 @@ namespace Adverb
                 _bones.Add(new Bone
                 {
                     Joint = j, Target = target, Rest = Quaternion.Inverse(transform.rotation) * target.rotation,
-                    Place = transform.InverseTransformPoint(target.position),
+                    Position = transform.InverseTransformPoint(target.position),
                 });
             }
             foreach (Bone bone in _bones) Correct(bone);
@@ -166,7 +166,7 @@ namespace Adverb
 
         /// <summary>
         /// The rotation that brings the bone's limb to the direction of the joint's, then the bone's rest rotation. A
-        /// bone at the end, or with several limbs, turns as the bone above it.
+        /// bone at the end, or with several limbs, rotates as the bone above it.
         /// </summary>
         void Correct(Bone bone)
         {
@@ -178,11 +178,11 @@ namespace Adverb
                 child = each;
                 children++;
             }
-            bone.Turn = above == null ? Quaternion.identity : above.Turn;
+            bone.Rotation = above == null ? Quaternion.identity : above.Rotation;
             if (children == 1)
-                bone.Turn = Quaternion.FromToRotation(child.Place - bone.Place,
+                bone.Rotation = Quaternion.FromToRotation(child.Position - bone.Position,
                     PointOf(_positions, child.Joint) - PointOf(_positions, bone.Joint));
-            bone.Correction = bone.Turn * bone.Rest;
+            bone.Correction = bone.Rotation * bone.Rest;
         }
 
         /// <summary>The bone of the nearest mapped joint above; null for the root.</summary>
@@ -197,13 +197,13 @@ namespace Adverb
         float Scale()
         {
             if (_bones.Count == 0 || _bones[0].Joint != 0) return 1f;
-            float lowest = _bones[0].Place.y, ours = 0f;
+            float lowest = _bones[0].Position.y, ours = 0f;
             foreach (Bone bone in _bones)
             {
-                lowest = Math.Min(lowest, bone.Place.y);
+                lowest = Math.Min(lowest, bone.Position.y);
                 ours = Math.Max(ours, -_positions[3 * bone.Joint + 1]);
             }
-            return ours > 0f && _bones[0].Place.y > lowest ? (_bones[0].Place.y - lowest) / ours : 1f;
+            return ours > 0f && _bones[0].Position.y > lowest ? (_bones[0].Position.y - lowest) / ours : 1f;
         }
 
         static Vector3 PointOf(float[] positions, int joint)

@@ -22,7 +22,7 @@ var _joints = []
 # Rest poses of the bones in the skeleton's space, and what follows the global rotation of the joint.
 var _rest = []
 var _corrections = []
-var _turns = []
+var _rotations = []
 
 
 # `verb`: {names, parents, offsets}, as `skeleton` of a channel's info. `map`: names of bones by joint; names that are
@@ -69,8 +69,8 @@ func apply(values):
 			globals.append(above * rest)
 			continue
 		var at = 4 * joint
-		var turn = Platform.quaternion(rotations[at], rotations[at + 1], rotations[at + 2], rotations[at + 3])
-		var local = Platform.rotation_of(above.basis).inverse() * turn * _corrections[bone]
+		var rotation = Platform.quaternion(rotations[at], rotations[at + 1], rotations[at + 2], rotations[at + 3])
+		var local = Platform.rotation_of(above.basis).inverse() * rotation * _corrections[bone]
 		if joint == 0:
 			var origin = above.affine_inverse() * (scale * Vector3(values[0], values[1], values[2]))
 			Platform.pose_bone(_skeleton, bone, local, origin)
@@ -102,17 +102,17 @@ func _plain(name):
 
 
 # The rotation that brings the bone's limb to the direction of the joint's, then the bone's rest rotation. A bone at the
-# end, or with several limbs, turns as the bone above it.
+# end, or with several limbs, rotates as the bone above it.
 func _correct(bone, positions):
 	var above = _mapped_parent(bone)
-	var turn = _turns[above] if above >= 0 else Platform.quaternion(0.0, 0.0, 0.0, 1.0)
+	var rotation = _rotations[above] if above >= 0 else Platform.quaternion(0.0, 0.0, 0.0, 1.0)
 	var child = _only_child(bone)
 	if _joints[bone] >= 0 and child >= 0:
 		var from = _rest[child].origin - _rest[bone].origin
 		var to = _point(positions, _joints[child]) - _point(positions, _joints[bone])
-		turn = _arc(from, to, turn)
-	_turns.append(turn)
-	_corrections.append(turn * Platform.rotation_of(_rest[bone].basis))
+		rotation = _arc(from, to, rotation)
+	_rotations.append(rotation)
+	_corrections.append(rotation * Platform.rotation_of(_rest[bone].basis))
 
 
 # Shortest rotation from one direction to another; `other` where one has no length, or they are opposite.

@@ -70,8 +70,8 @@ func take_events():
 	return found
 
 
-# Set the key of the next connections. A stream that has ended because its key was refused connects again, and goes on
-# with its channels in their current state.
+# Set the key of the next connections. A stream that has ended because its key was refused connects again, and
+# continues with its channels in their current state.
 func set_key(key):
 	_key = key
 	_check = null

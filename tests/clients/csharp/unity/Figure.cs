@@ -1,6 +1,6 @@
-// An avatar with the verb's limbs, 1.5 times as long, other bone axes and lowered arms performs a pose; prints where its
-// hand meets the goal and how far limbs are from their directions. Then it switches to a verb with three other adverbs
-// and back, while the goal stands still, and once more with values for these adverbs.
+// An avatar with the verb's limbs, 1.5 times as long, other bone axes and lowered arms performs a pose; prints where
+// its hand meets the goal and how far limbs are from their directions. Then it switches to a verb with three other
+// adverbs and back, while the goal stands still, and once more with values for these adverbs.
 
 using System;
 using System.Collections.Generic;
@@ -72,7 +72,8 @@ static class Figure
             figure.adverbs[k] = (float)(0.4 * adverbs[k].Min + 0.6 * adverbs[k].Max);
             goal[adverbs[k].Name] = figure.adverbs[k];
         }
-        WireRecord pose = client.PoseAsync("locomotion", goal, new PoseOptions { Phase = 0.5 }).GetAwaiter().GetResult();
+        var options = new PoseOptions { Phase = 0.5 };
+        WireRecord pose = client.PoseAsync("locomotion", goal, options).GetAwaiter().GetResult();
         Frames.FlipPose(pose.Values);
         return pose.Values;
     }

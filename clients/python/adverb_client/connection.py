@@ -30,8 +30,13 @@ MAX_DRAIN_WAIT_S = 60.0
 MAX_MESSAGE_BYTES = 64 * 2**20
 
 
+STREAM = "/v1/stream"
+
+
 def stream_url(url: str) -> str:
-    """The WebSocket address of a server's stream, from its HTTP or WebSocket address.
+    """The WebSocket address of a server's stream, from its HTTP or WebSocket address, which may have a path.
+
+    A WebSocket address with a path is used as it is.
 
     Raises
     ------
@@ -42,7 +47,9 @@ def stream_url(url: str) -> str:
     schemes = {"http": "ws", "https": "wss", "ws": "ws", "wss": "wss"}
     if parts.scheme not in schemes or not parts.netloc:
         raise ValueError(f"{url!r} is not the address of a server; expected http://…, https://…, ws://… or wss://…")
-    path = parts.path if parts.path.rstrip("/") else "/v1/stream"
+    path = parts.path.rstrip("/")
+    if not path or (parts.scheme.startswith("http") and not path.endswith(STREAM)):
+        path += STREAM
     return urlunsplit((schemes[parts.scheme], parts.netloc, path, parts.query, ""))
 
 

@@ -30,6 +30,8 @@ AT = {"x": 0.5, "y": 1.0, "z": 0.5}
     [
         ("http://a:1", "ws://a:1/v1/stream"),
         ("https://a/", "wss://a/v1/stream"),
+        ("https://a/adverb", "wss://a/adverb/v1/stream"),
+        ("https://a/adverb/v1/stream", "wss://a/adverb/v1/stream"),
         ("ws://a/b?c=d", "ws://a/b?c=d"),
     ],
 )

@@ -13,6 +13,7 @@ from verbs.kernels.compile import direct
 from verbs.kernels.mapped_limbs import FOOT_COLUMNS
 from verbs.kernels.mapped_pose import map_poses
 from verbs.mapping.mapping import Mapping
+from verbs.mapping.plan import with_given_bones
 from verbs.mapping.source import Source
 from verbs.mapping.tables import Tables, tables
 from verbs.motion import Motion
@@ -90,8 +91,8 @@ class Mapper:
     """
 
     def __init__(self, source: Source, mapping: Mapping) -> None:
-        self.source, self.mapping = source, mapping
-        self.tables: Tables = tables(source, mapping)
+        self.source, self.mapping = source, with_given_bones(source.rig, mapping)
+        self.tables: Tables = tables(source, self.mapping)
         self.skeleton: Skeleton = mapping.rig.skeleton
 
     @classmethod

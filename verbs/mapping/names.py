@@ -142,7 +142,8 @@ def roles_of(names: Sequence[str], parents: Sequence[int], given: Mapping[str, i
     if heads:
         bones["head"] = min(heads, key=depths.__getitem__)
     trunk = ("hips", "spine", "chest", "upperChest", "neck")
-    bones |= {bone: joint for bone, joint in (given or {}).items() if bone not in trunk[1:]}
+    stated = {bone: joint for bone, joint in (given or {}).items() if bone not in trunk[1:]}
+    bones = {bone: joint for bone, joint in bones.items() if joint not in stated.values()} | stated
     legs = [bones[bone] for bone in ("leftUpperLeg", "rightUpperLeg") if bone in bones]
     arms = [bones[bone] for bone in ("leftUpperArm", "rightUpperArm", "head") if bone in bones]
     if "hips" not in bones:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from verbs.errors import RequestError, UnknownName
 from verbs.mapping.mapping import Mapping
 from verbs.mapping.names import Roles
 from verbs.mapping.rig import Rig
 
-__all__ = ["Row", "explicit_joints", "plan"]
+__all__ = ["Row", "explicit_joints", "plan", "with_given_bones"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,20 @@ class Row:
     def source(self) -> int:
         """The nearer source joint."""
         return self.second if self.share > 0.5 else self.first
+
+
+def with_given_bones(source: Rig, mapping: Mapping) -> Mapping:
+    """The mapping with bones of the target by its pairs: a joint that a bone of the source moves is that bone.
+
+    Names that do not exist are left to :func:`plan`.
+    """
+    others = {name: joint for joint, name in enumerate(mapping.rig.skeleton.names)}
+    names = source.skeleton.names
+    moved = {bone: mapping.joints.get(names[joint], "") for bone, joint in source.roles.bones.items()}
+    given = {bone: others[name] for bone, name in moved.items() if name in others}
+    if not given:
+        return mapping
+    return replace(mapping, rig=replace(mapping.rig, given={**mapping.rig.given, **given}))
 
 
 def plan(source: Rig, mapping: Mapping) -> list[Row]:

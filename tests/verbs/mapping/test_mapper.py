@@ -1,5 +1,6 @@
 """Motions on other skeletons: directions of limbs, feet on the ground, the effector on its goal, smoothness."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from verbs.conventions import F64
 from verbs.kernels import fk, quat
 from verbs.mapping.mapper import Figures, Mapper
 from verbs.mapping.mapping import Mapping, of_preset
+from verbs.mapping.plan import explicit_joints
 from verbs.mapping.presets import PRESETS, preset
 from verbs.mapping.rig import Rig
 from verbs.motion import Motion
@@ -206,6 +208,28 @@ def test_a_figure_may_face_and_lie_any_way_in_its_file(axis: tuple[float, float,
         mapper = Mapper.of_verb(evaluator("reach"), Mapping(target))
         places.append(positions(mapper.sequence(evaluator("reach"), poses, FPS)[0]))
     np.testing.assert_allclose(places[0], places[1], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "axis", [(0.0, 0.0, 0.0), (0.0, np.pi, 0.0), (0.5 * np.pi, 0.0, 0.0)], ids=["Y-up", "facing -Z", "Z-up"]
+)
+def test_pairs_make_a_humanoid_of_unknown_names(axis: tuple[float, float, float]) -> None:
+    rig = preset("mixamo")
+    pose = rig.reference.copy()
+    pose[0] = quat.exp(np.array(axis))
+    named = Rig("named", rig.skeleton, pose, pose, quat.rotate(pose[0], rig.origin))
+    skeleton = replace(rig.skeleton, names=tuple(f"j{k}" for k in range(len(rig.skeleton))))
+    unknown = replace(named, skeleton=skeleton)
+    first = Mapper.of_verb(evaluator("reach"), Mapping(named))
+    pairs = explicit_joints(first.source.rig, unknown, first.tables.rows)
+    second = Mapper.of_verb(evaluator("reach"), Mapping(unknown, pairs))
+    assert not unknown.roles
+    assert second.tables.scale == pytest.approx(first.tables.scale, abs=1e-9)
+    poses = blends("reach", 1)[0]
+    (one, figures), (two, _) = (mapper.sequence(evaluator("reach"), poses, FPS) for mapper in (first, second))
+    assert figures.effector_m is not None
+    joints = [row.target for row in second.tables.rows]
+    np.testing.assert_allclose(positions(two)[:, joints], positions(one)[:, joints], atol=1e-6)
 
 
 def test_a_root_above_the_hips_carries_them() -> None:

@@ -158,6 +158,13 @@ def test_bones_that_a_file_names_win() -> None:
     assert roles == full
 
 
+def test_a_joint_that_is_given_is_no_other_bone() -> None:
+    names, parents = hierarchy(*CONVENTIONS["unity"])
+    found = roles_of(names, parents, {"leftUpperArm": names.index("RightUpperArm")}).bones
+    assert found["leftUpperArm"] == names.index("RightUpperArm")
+    assert "rightUpperArm" not in found
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_are_humanoids(name: str) -> None:
     rig = preset(name)

@@ -2,7 +2,7 @@ import { describe, expect, test } from "vitest";
 import { POSES, RIGS } from "../generated/mapping_vectors.js";
 import { type MappedVerb, Mapper, type RestJoint } from "./mapper.js";
 import { Standing } from "./standing.js";
-import { add, multiply, type Q, rotate, STILL, type V } from "./vector.js";
+import { add, length, multiply, type Q, rotate, STILL, sub, type V } from "./vector.js";
 
 type Case = (typeof POSES)[number];
 
@@ -72,6 +72,35 @@ test("pairs that are given replace those found by names", () => {
   expect(moved.get("hand_l")).toBe("RightHand");
   expect(moved.has("hand_r")).toBe(false);
   expect(moved.has("neck_01")).toBe(false);
+});
+
+test.each([
+  ["Y-up", STILL],
+  ["facing -Z", [0, 1, 0, 0]],
+  ["Z-up", [Math.SQRT1_2, 0, 0, Math.SQRT1_2]],
+] as [string, Q][])("pairs make a humanoid of unknown names, %s", (_, turn) => {
+  const [given] = POSES as [Case];
+  const verb = given.verb as unknown as MappedVerb;
+  const joints = jointsOf(given).map((joint, k) =>
+    k > 0 ? joint : { ...joint, rotation: turn, position: rotate(turn, joint.position) },
+  );
+  const named = new Mapper(verb, joints);
+  const pairs = Object.fromEntries(
+    named.rows.flatMap(({ target, first, bone }) =>
+      bone in named.source.roles.bones ? [[verb.skeleton.names[first], `j${target}`]] : [],
+    ),
+  );
+  const unknown = joints.map((joint, k) => ({ ...joint, name: `j${k}` }));
+  const paired = new Mapper(verb, unknown, { joints: pairs });
+  expect(paired.scale).toBeCloseTo(named.scale, 9);
+  given.values.forEach((values, n) => {
+    const places = [named, paired].map((mapper) => {
+      mapper.apply(values, given.phases[n] as number);
+      return placesOf(mapper, joints);
+    }) as [V[], V[]];
+    for (const { target } of paired.rows)
+      expect(length(sub(places[1][target] as V, places[0][target] as V)), joints[target]?.name).toBeLessThan(1e-6);
+  });
 });
 
 test("a figure without known bones is refused", () => {

@@ -81,7 +81,9 @@ export function rolesOf(
   const [head] = plain(HEAD).sort((a, b) => depth(a) - depth(b) || a - b);
   if (head !== undefined) bones.head = head;
   const trunk = ["spine", "chest", "upperChest", "neck"];
-  for (const [bone, joint] of Object.entries(given)) if (!trunk.includes(bone)) bones[bone] = joint;
+  const stated = Object.fromEntries(Object.entries(given).filter(([bone]) => !trunk.includes(bone)));
+  for (const [bone, joint] of Object.entries(bones)) if (Object.values(stated).includes(joint)) delete bones[bone];
+  Object.assign(bones, stated);
   const present = (list: string[]) => list.flatMap((bone) => bones[bone] ?? []);
   const legs = present(["leftUpperLeg", "rightUpperLeg"]);
   const arms = present(["leftUpperArm", "rightUpperArm", "head"]);

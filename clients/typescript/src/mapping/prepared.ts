@@ -98,7 +98,8 @@ export class Prepared {
     options: MapperOptions = {},
   ) {
     this.source = new Standing(restOf(verb.skeleton));
-    this.target = new Standing(joints, options.bones, options.ground ?? null);
+    const bones = { ...options.bones, ...givenBones(this.source, joints, options.joints) };
+    this.target = new Standing(joints, bones, options.ground ?? null);
     const rows = plan(this.source, this.target, options.joints);
     if (rows.length === 0) throw new Error("No joint of this figure can be mapped: its bones are not known by name.");
     this.rows = rooted(rows, this.target);
@@ -296,6 +297,15 @@ export class Prepared {
     }
     return null;
   }
+}
+
+/** Bones of the target that pairs give: a joint that a bone of the source moves is that bone. */
+function givenBones(source: Standing, joints: readonly RestJoint[], pairs: MapperOptions["joints"] = {}) {
+  const named = Object.entries(source.roles.bones).map(([bone, joint]) => {
+    const target = pairs[source.names[joint] ?? ""];
+    return [bone, target ? joints.findIndex(({ name }) => name === target) : -1] as const;
+  });
+  return Object.fromEntries(named.filter(([, joint]) => joint >= 0));
 }
 
 /** A skeleton of a verb at rest. */

@@ -150,9 +150,10 @@ def up_of(rig: Rig) -> F64:
 
 def ground(rig: Rig, sole: float = 0.0) -> float:
     """Height of the ground of a standing pose along its up: where not stated, ``sole`` below the lowest point."""
-    if rig.ground is not None:
+    if rig.ground is not None and not rig.grounded_at_lowest:
         return rig.ground
-    return float((np.concatenate([rig.frames[1], rig.tips()]) @ up_of(rig)).min()) - sole
+    lowest = float((np.concatenate([rig.frames[1], rig.tips()]) @ up_of(rig)).min())
+    return lowest - sole if rig.ground is None else lowest + rig.ground
 
 
 def sole_thickness(source: Source, target: Rig) -> float:

@@ -113,7 +113,7 @@ def _read(path: Path) -> Mapping:
     rig = _rig(path, table)
     if "height" in ground:
         height = _number(path, "[ground] height", ground["height"])
-        rig = replace(rig, ground=height)
+        rig = replace(rig, ground=height * rig.metres)
     scale, travel = (
         _scale(path, root.get("scale", "legs"), "legs"),
         _scale(path, root.get("travel", "scaled"), "scaled"),

@@ -73,7 +73,7 @@ def _of_motion(path: Path) -> Rig:
     frames = motion.rotations[:: max(1, len(motion) // FRAMES)]
     reference = choose_reference(skeleton, roles, [still, *frames])
     rest = still if reference is still else reference
-    return Rig(path.name, skeleton, rest, reference, np.zeros(3), path=path)
+    return Rig(path.name, skeleton, rest, reference, np.zeros(3), grounded_at_lowest=True, path=path)
 
 
 def _of_nodes(path: Path) -> Rig:

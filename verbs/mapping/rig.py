@@ -43,7 +43,9 @@ class Rig:
     origin : (3,) float64
         Position of the root in that pose, metres.
     ground : float or None
-        Height of the ground in that pose along the body's up; None takes the lowest joint or tip.
+        Height of the ground in that pose along the body's up, metres; None takes the lowest joint or tip.
+    grounded_at_lowest : bool
+        Whether ``ground`` counts from the lowest joint or tip: the file has no rest position (BVH, npz).
     given : mapping of str to int
         Joints of VRM bones that the file names.
     unit : str
@@ -64,6 +66,7 @@ class Rig:
     reference: F64
     origin: F64
     ground: float | None = None
+    grounded_at_lowest: bool = False
     given: Mapping[str, int] = field(default_factory=dict)
     unit: str = "m"
     nodes: tuple[int, ...] = ()

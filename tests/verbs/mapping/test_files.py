@@ -9,8 +9,9 @@ from tests.strangers.vrm_files import avatar
 from tests.verbs.mapping.rigs import remade
 from verbs import library
 from verbs.errors import MotionFileError, RequestError, SourceError, UnknownName
-from verbs.io import bvh, gltf_writer
+from verbs.io import bvh, gltf_writer, motion_files
 from verbs.kernels import fk, quat
+from verbs.mapping.alignment import ground
 from verbs.mapping.mapper import Mapper
 from verbs.mapping.mapping import Mapping, open_mapping
 from verbs.mapping.plan import explicit_joints, plan
@@ -89,6 +90,29 @@ def test_a_zero_pose_that_is_a_heap_of_bones_is_replaced_by_a_standing_frame(tmp
     moved = [Mapper.of_verb(evaluator, Mapping(target)).sequence(evaluator, poses, 60.0)[0] for target in (found, rig)]
     places = [fk.forward(one.root, one.rotations, one.skeleton.parents, one.skeleton.offsets)[1] for one in moved]
     np.testing.assert_allclose(places[0], places[1], atol=0.02)
+
+
+@pytest.mark.parametrize(("ending", "height"), [("bvh", 1.5), ("npz", 1.5), ("glb", 1.5)])
+def test_the_height_of_the_ground_is_in_the_unit_of_the_file(tmp_path: Path, ending: str, height: float) -> None:
+    motion_files.write(standing().scaled(100.0), tmp_path / f"hero.{ending}")
+    (tmp_path / "m.toml").write_text(f'target = "hero.{ending}"\nunit = "cm"\n[ground]\nheight = {height}\n')
+    rig = open_mapping(str(tmp_path / "m.toml")).rig
+    lowest = float(np.concatenate([rig.frames[1], rig.tips()])[:, 1].min())
+    zero = 0.0 if ending == "glb" else lowest
+    assert ground(rig) == pytest.approx(zero + 0.01 * height, abs=1e-9)
+    assert lowest - 0.05 < ground(rig) < lowest + 0.05
+
+
+def test_a_ground_at_zero_leaves_a_bvh_target_on_its_feet(tmp_path: Path) -> None:
+    bvh.write(standing().scaled(100.0), tmp_path / "hero.bvh")
+    (tmp_path / "m.toml").write_text('target = "hero.bvh"\n[ground]\nheight = 0.0\n')
+    evaluator = Evaluator(library.load("reach"))
+    poses = sequence.sequence(evaluator, evaluator.verb.values[:1], 60.0)
+    stated, free = (open_mapping(str(tmp_path / name)) for name in ("m.toml", "hero.bvh"))
+    motions = [Mapper.of_verb(evaluator, mapping).sequence(evaluator, poses, 60.0) for mapping in (stated, free)]
+    assert motions[0][1].foot_slide_m is not None
+    assert motions[0][1].foot_slide_m < 2e-3
+    np.testing.assert_allclose(motions[0][0].root, motions[1][0].root, atol=0.05)
 
 
 def test_mapping_toml_round_trip(tmp_path: Path) -> None:

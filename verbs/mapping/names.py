@@ -13,13 +13,16 @@ from dataclasses import dataclass
 
 __all__ = [
     "ALIASES", "DROPPED", "EXCLUDED", "FINGER", "FINGER_NAMES", "FINGER_PARTS", "HEAD", "HIPS", "LEFT", "PREFIX",
-    "RIGHT", "SEPARATORS", "Roles", "label", "roles_of",
+    "RIGHT", "SEPARATORS", "SIDE_LETTER", "Roles", "label", "roles_of",
 ]  # fmt: skip
 
 PREFIX = r"^(?:mixamorig\d*|bip\d+|valvebiped|cc_base|j_bip|character\d*|def|org|rig)"
 """Prefixes of rigs, in lower case; removed repeatedly where a separator or a capital follows."""
 
 SEPARATORS = r"^[_\s.-]+"
+
+SIDE_LETTER = r"(^|[^A-Za-z])([LR])(?=[UF][A-Z][a-z])"
+"""An L or R before an upper or fore part, as in Motive's LUArm and LFArm; a word of its own."""
 
 LEFT, RIGHT = ("left", "l", "lf", "lft"), ("right", "r", "rt", "rgt")
 """Words that name a side."""
@@ -36,8 +39,8 @@ EXCLUDED = (
 
 ALIASES: dict[str, tuple[str, ...]] = {
     "Shoulder": ("clavicle", "collar", "collarbone", "clav", "scapula", "shoulder"),
-    "UpperArm": ("upperarm", "uparm", "arm", "armupper", "humerus", "shldr", "shldrbend", "bicep", "shoulder"),
-    "LowerArm": ("lowerarm", "forearm", "lowarm", "armlower", "forearmbend", "elbow", "radius"),
+    "UpperArm": ("upperarm", "uparm", "uarm", "arm", "armupper", "humerus", "shldr", "shldrbend", "bicep", "shoulder"),
+    "LowerArm": ("lowerarm", "forearm", "farm", "lowarm", "armlower", "forearmbend", "elbow", "radius"),
     "Hand": ("wrist", "hand"),
     "UpperLeg": ("upperleg", "upleg", "thigh", "legupper", "thighbend", "femur", "leg", "hip"),
     "LowerLeg": ("lowerleg", "lowleg", "leglower", "calf", "shin", "knee", "tibia", "shank", "leg"),
@@ -94,7 +97,7 @@ def label(name: str) -> tuple[str, str]:
     name = re.split(r"[:|/]", name)[-1].strip()
     while (found := re.match(PREFIX, name.lower())) and (rest := name[found.end() :]) and not rest[0].islower():
         name = re.sub(SEPARATORS, "", rest)
-    words = [word.lower() for word in _WORDS.findall(name)]
+    words = [word.lower() for word in _WORDS.findall(re.sub(SIDE_LETTER, r"\1\2_", name))]
     words = [str(int(word)) if word.isdigit() else word for word in words]
     if any(word in EXCLUDED for word in words):
         return "", ""

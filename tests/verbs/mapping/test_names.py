@@ -83,6 +83,11 @@ CONVENTIONS = {
         "Shoulder_L, UpperArm_L, LowerArm_L, Hand_L",
         "UpperLeg_L, LowerLeg_L, Foot_L, Toes_L",
     ),
+    "motive": (
+        "Hip, Ab, Chest, Neck, Head",
+        "LShoulder, LUArm, LFArm, LHand",
+        "LThigh, LShin, LFoot, LToe",
+    ),
     "namespace": (
         "char:rig:Hips, char:rig:Spine, char:rig:Neck, char:rig:Head",
         "char:rig:LeftShoulder, char:rig:LeftArm, char:rig:LeftForeArm, char:rig:LeftHand",
@@ -106,8 +111,8 @@ def other_side(name: str) -> str:
             return name.replace(left, right)
     if name.endswith("_L"):
         return name[:-1] + "R"
-    assert name[0] == "l", name
-    return "r" + name[1:]
+    assert name[0] in "lL", name
+    return {"l": "r", "L": "R"}[name[0]] + name[1:]
 
 
 def hierarchy(trunk: str, arm: str, leg: str) -> tuple[list[str], list[int]]:

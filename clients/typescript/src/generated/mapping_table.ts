@@ -2,11 +2,12 @@
 
 export const PREFIX = "^(?:mixamorig\\d*|bip\\d+|valvebiped|cc_base|j_bip|character\\d*|def|org|rig)";
 export const SEPARATORS = "^[_\\s.-]+";
+export const SIDE_LETTER = "(^|[^A-Za-z])([LR])(?=[UF][A-Z][a-z])";
 export const LEFT: readonly string[] = ["left", "l", "lf", "lft"];
 export const RIGHT: readonly string[] = ["right", "r", "rt", "rgt"];
 export const DROPPED: readonly string[] = ["c", "m", "joint", "jnt", "bone", "bn", "jt", "bind", "skin", "sk"];
 export const EXCLUDED: readonly string[] = ["twist", "roll", "ik", "fk", "pole", "ctrl", "control", "target", "end", "nub", "tip", "helper", "null", "effector", "socket", "site", "weapon", "prop", "cloth", "skirt", "sleeve", "hair", "breast", "bust", "tail", "wing", "ear", "eye", "jaw", "share", "corrective", "bulge", "virtual", "attach", "cape"];
-export const ALIASES: Readonly<Record<string, readonly string[]>> = {"Shoulder": ["clavicle", "collar", "collarbone", "clav", "scapula", "shoulder"], "UpperArm": ["upperarm", "uparm", "arm", "armupper", "humerus", "shldr", "shldrbend", "bicep", "shoulder"], "LowerArm": ["lowerarm", "forearm", "lowarm", "armlower", "forearmbend", "elbow", "radius"], "Hand": ["wrist", "hand"], "UpperLeg": ["upperleg", "upleg", "thigh", "legupper", "thighbend", "femur", "leg", "hip"], "LowerLeg": ["lowerleg", "lowleg", "leglower", "calf", "shin", "knee", "tibia", "shank", "leg"], "Foot": ["ankle", "foot"], "Toes": ["toes", "toe", "toebase", "ball", "toe0", "forefoot", "foot"]};
+export const ALIASES: Readonly<Record<string, readonly string[]>> = {"Shoulder": ["clavicle", "collar", "collarbone", "clav", "scapula", "shoulder"], "UpperArm": ["upperarm", "uparm", "uarm", "arm", "armupper", "humerus", "shldr", "shldrbend", "bicep", "shoulder"], "LowerArm": ["lowerarm", "forearm", "farm", "lowarm", "armlower", "forearmbend", "elbow", "radius"], "Hand": ["wrist", "hand"], "UpperLeg": ["upperleg", "upleg", "thigh", "legupper", "thighbend", "femur", "leg", "hip"], "LowerLeg": ["lowerleg", "lowleg", "leglower", "calf", "shin", "knee", "tibia", "shank", "leg"], "Foot": ["ankle", "foot"], "Toes": ["toes", "toe", "toebase", "ball", "toe0", "forefoot", "foot"]};
 export const UNSURE: readonly string[] = ["shoulder", "hip", "leg", "foot"];
 export const HEAD: readonly string[] = ["head", "skull"];
 export const HIPS: readonly string[] = ["hips", "hip", "pelvis", "hipcenter", "centerhip", "root"];

@@ -13,6 +13,7 @@ import {
   PREFIX,
   RIGHT,
   SEPARATORS,
+  SIDE_LETTER,
   UNSURE,
 } from "../generated/mapping_table.js";
 
@@ -25,6 +26,7 @@ export interface Roles {
 
 const prefix = new RegExp(PREFIX);
 const separators = new RegExp(SEPARATORS);
+const sideLetter = new RegExp(SIDE_LETTER, "g");
 const finger = new RegExp(FINGER);
 
 /** Side (`left`, `right` or empty) and plain name of a joint; an empty name for joints that are no bones. */
@@ -35,7 +37,9 @@ export function label(name: string): [side: string, plain: string] {
     if (!short || short === rest || /^\p{Ll}/u.test(short)) break;
     rest = short.replace(separators, "");
   }
-  let words = (rest.match(/[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+/g) ?? []).map((word) => word.toLowerCase());
+  let words = (rest.replace(sideLetter, "$1$2_").match(/[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+/g) ?? []).map((word) =>
+    word.toLowerCase(),
+  );
   words = words.map((word) => (/^\d/.test(word) ? String(Number(word)) : word));
   if (words.some((word) => EXCLUDED.includes(word))) return ["", ""];
   let side = "";

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from verbs.conventions import F64, MAX_JOINTS
+from verbs.errors import MotionFileError
 from verbs.io.gltf_document import Document, Row, shown
 from verbs.io.report import Note
 from verbs.kernels import quat
@@ -15,11 +16,15 @@ __all__ = ["Joints", "Node", "choose_joints", "depth_first", "read_nodes"]
 
 _BULKY = ("mesh", "camera", "skin")
 _SHEAR = 1e-4
+_STILL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(slots=True)
 class Node:
-    """One node: its transform as translation (3,), rotation (4,) and scale (3,); children; -1 for no parent."""
+    """One node: its transform as translation (3,), rotation (4,) and scale (3,); children; -1 for no parent.
+
+    ``problem`` is the error of a transform that no joint can have; props and hidden meshes may.
+    """
 
     name: str
     translation: F64
@@ -28,6 +33,7 @@ class Node:
     children: list[int]
     bulky: bool
     parent: int = -1
+    problem: MotionFileError | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,32 +76,46 @@ def _node(document: Document, row: Row, place: str, count: int) -> Node:
     translation = np.array(document.numbers(row, "translation", place, (0.0, 0.0, 0.0)))
     rotation = np.array(document.numbers(row, "rotation", place, (0.0, 0.0, 0.0, 1.0)))
     scale = np.array(document.numbers(row, "scale", place, (1.0, 1.0, 1.0)))
+    problem = None
     if "matrix" in row:
         columns = np.array(document.numbers(row, "matrix", place, tuple(np.eye(4).ravel()))).reshape(4, 4)
-        translation, (rotation, scale) = columns[3, :3], _decomposed(document, columns[:3, :3].T, place)
-    length = float(np.linalg.norm(rotation))
-    if not 0.5 <= length <= 2.0:
-        document.fail(place, "a unit quaternion as rotation", shown(rotation.tolist()))
+        translation, matrix = columns[3, :3], columns[:3, :3].T
+        scale = np.linalg.norm(matrix, axis=0)
+        problem = _matrix_problem(document, matrix, scale, place)
+        rotation = _STILL if problem else quat.from_matrix(matrix / scale)
+    problem = problem or _transform_problem(document, translation, rotation, scale, place)
+    if problem:
+        translation, rotation, scale = np.zeros(3), _STILL, np.ones(3)
+    children = document.indices(row, "children", place, count)
+    name = (" ".join(document.text(row, "name", place).split()) or place)[:200]
+    unit, bulky = rotation / np.linalg.norm(rotation), any(key in row for key in _BULKY)
+    return Node(name, translation, unit, scale, children, bulky, problem=problem)
+
+
+def _transform_problem(
+    document: Document, translation: F64, rotation: F64, scale: F64, place: str
+) -> MotionFileError | None:
+    """Why a joint cannot have a translation (3,), rotation (4,) and scale (3,); None where it can."""
+    if not 0.5 <= float(np.linalg.norm(rotation)) <= 2.0:
+        return MotionFileError(document.path, place, "a unit quaternion as rotation", shown(rotation.tolist()))
     if not np.all((scale > 1e-9) & (scale < 1e9)):
         advice = "apply the scale where the file was made, and export it again"
-        document.fail(place, "a positive scale", shown(scale.tolist()), advice)
+        return MotionFileError(document.path, place, "a positive scale", shown(scale.tolist()), advice)
     if np.abs(translation).max() > 1e9:
-        document.fail(place, "a translation up to 1e9", shown(translation.tolist()))
-    children = document.indices(row, "children", place, count)
-    name = " ".join(document.text(row, "name", place).split()) or place
-    return Node(name[:200], translation, rotation / length, scale, children, any(key in row for key in _BULKY))
+        return MotionFileError(document.path, place, "a translation up to 1e9", shown(translation.tolist()))
+    return None
 
 
-def _decomposed(document: Document, matrix: F64, place: str) -> tuple[F64, F64]:
-    """Rotation (4,) and scale (3,) of a matrix (3, 3) without shear or mirroring."""
-    scale = np.linalg.norm(matrix, axis=0)
+def _matrix_problem(document: Document, matrix: F64, scale: F64, place: str) -> MotionFileError | None:
+    """Why a joint cannot have a matrix (3, 3) with columns of these lengths (3,); None where it can."""
     if not (scale > 1e-9).all() or np.linalg.det(matrix / scale) < 0.5:
-        document.fail(place, "a matrix of rotation and positive scale", shown(matrix.tolist()))
+        expected = "a matrix of rotation and positive scale"
+        return MotionFileError(document.path, place, expected, shown(matrix.tolist()))
     pure = matrix / scale
     if np.abs(pure.T @ pure - np.eye(3)).max() > _SHEAR:
         advice = "apply the transform where the file was made, and export it again"
-        document.fail(place, "a matrix without shear", shown(matrix.tolist()), advice)
-    return quat.from_matrix(pure), scale
+        return MotionFileError(document.path, place, "a matrix without shear", shown(matrix.tolist()), advice)
+    return None
 
 
 def depth_first(nodes: list[Node], root: int, within: set[int]) -> list[int]:
@@ -117,7 +137,8 @@ def choose_joints(document: Document, nodes: list[Node], animated: set[int], roo
     Raises
     ------
     MotionFileError
-        There are no joints, too many, or two trees are equally large.
+        There are no joints, too many, or two trees are equally large; or a joint, a node above the joints or a tip has
+        a transform that no joint can have.
     """
     skinned = _skinned(document, len(nodes))
     members = skinned or _moving(nodes, animated)
@@ -148,7 +169,11 @@ def choose_joints(document: Document, nodes: list[Node], animated: set[int], roo
         for index in tops
         if index != top
     )
-    return Joints(joints, len(chain) - first, tuple(chain[:first]), _tips(nodes, trees[top]), notes)
+    found = Joints(joints, len(chain) - first, tuple(chain[:first]), _tips(nodes, trees[top]), notes)
+    for index in (*found.fixed, *found.nodes, *found.tips):
+        if (problem := nodes[index].problem) is not None:
+            raise problem
+    return found
 
 
 def _skinned(document: Document, count: int) -> set[int]:

@@ -18,6 +18,7 @@ from tests.verbs.gltf_files import Gltf, body_file, random_rotations, with_tange
 from verbs.io import gltf
 from verbs.io.report import MotionFile
 from verbs.kernels import fk, quat
+from verbs.mapping.reading import read_rig
 
 MODES = ["LINEAR", "STEP", "CUBICSPLINE"]
 THREE = PROJECT / "clients/dashboard/node_modules/three"
@@ -218,6 +219,21 @@ def test_of_two_skinned_trees_the_larger_is_read(tmp_path):
     (note,) = file.report.of("ignored_root")
     assert note.text == "joints from 'Sword' down (2) are ignored; 'Hips' is read"
     assert read(source, tmp_path, root="Sword").motion.skeleton.names == ("Sword", "Blade")
+
+
+SHEARED = [1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+PROPS = {"a mirror": {"scale": [-1, 1, 1]}, "a hidden node": {"scale": [0, 0, 0]}, "a shear": {"matrix": SHEARED}}
+
+
+@pytest.mark.parametrize("prop", PROPS)
+def test_nodes_that_are_no_joints_may_have_any_transform(prop, tmp_path):
+    source = body_file()
+    plain = gltf.read_file(source.write(tmp_path / "plain.glb")).motion
+    top = source.node("prop", **PROPS[prop])
+    source.node("mesh", top, mesh=0)
+    found = gltf.read_file(source.write(tmp_path / "prop.glb")).motion
+    np.testing.assert_array_equal(found.rotations, plain.rotations)
+    assert read_rig(tmp_path / "prop.glb").skeleton.names == read_rig(tmp_path / "plain.glb").skeleton.names
 
 
 def test_joints_between_those_of_the_skin_are_kept(tmp_path):

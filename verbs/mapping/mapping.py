@@ -43,6 +43,8 @@ class Mapping:
         Scale of the way over the ground; None takes that of lengths.
     feet : bool
         Whether feet are put on the ground.
+    height : float or None
+        Height of the ground as it is stated, in the unit of the file; the rig has it in metres. None: not stated.
     """
 
     rig: Rig
@@ -51,6 +53,7 @@ class Mapping:
     scale: float | None = None
     travel: float | None = None
     feet: bool = True
+    height: float | None = None
 
 
 def of_preset(name: str, *, goal: str = "scaled") -> Mapping:
@@ -110,7 +113,7 @@ def _read(path: Path) -> Mapping:
     feet = ground.get("feet", True)
     if not isinstance(feet, bool):
         raise SourceError(path, "[ground] feet must be true or false")
-    rig = _rig(path, table)
+    rig, height = _rig(path, table), None
     if "height" in ground:
         height = _number(path, "[ground] height", ground["height"])
         rig = replace(rig, ground=height * rig.metres)
@@ -118,7 +121,7 @@ def _read(path: Path) -> Mapping:
         _scale(path, root.get("scale", "legs"), "legs"),
         _scale(path, root.get("travel", "scaled"), "scaled"),
     )
-    return Mapping(rig, joints, goal, scale, 1.0 if root.get("travel") == "world" else travel, feet)
+    return Mapping(rig, joints, goal, scale, 1.0 if root.get("travel") == "world" else travel, feet, height)
 
 
 def _rig(path: Path, table: Table[str, Any]) -> Rig:

@@ -13,6 +13,7 @@ from verbs.cli import app
 from verbs.errors import RequestError, UnknownName
 from verbs.io import gltf, motion_files
 from verbs.kernels import fk
+from verbs.mapping.mapping import open_mapping
 from verbs.mapping.presets import preset
 from verbs.mapping.reading import read_rig
 from verbs.motion import Motion
@@ -54,6 +55,27 @@ def test_a_written_mapping_can_be_given_back(tmp_path: Path) -> None:
     again = json.loads(call("map", tmp_path / "mapping.toml", "--goals", 0, "--json").stdout)
     key = [(row["target"], row["source"], row["second"]) for row in first["joints"]]
     assert key == [(row["target"], row["source"], row["second"]) for row in again["joints"]]
+
+
+def test_a_mapping_that_is_given_back_keeps_all_its_parts(tmp_path: Path) -> None:
+    (tmp_path / "first.toml").write_text(
+        'preset = "vrm"\n[root]\nscale = 0.9\ntravel = "world"\n[ground]\nheight = 0.3\nfeet = false\n'
+        '[effector]\ngoal = "world"\n[joints]\nNeck = ""\nRightArm = ""\nLeftHand = "leftLowerArm"\n'
+    )
+    found = []
+    for name, written in (("first", "second"), ("second", "third")):
+        result = call("map", tmp_path / f"{name}.toml", "--goals", 0, "-o", tmp_path / f"{written}.toml", "--json")
+        found.append(json.loads(result.stdout)["joints"])
+    key = [[(row["target"], row["source"], row["second"]) for row in rows] for rows in found]
+    assert key[0] == key[1]
+    moved = {source for _, source, _ in key[0]}
+    assert "RightForeArm" in moved
+    assert not {"RightArm", "Neck"} & moved
+    first, second = (open_mapping(str(tmp_path / f"{name}.toml")) for name in ("first", "second"))
+    for part in ("goal", "scale", "travel", "feet", "height"):
+        assert getattr(first, part) == getattr(second, part)
+    assert first.rig.ground == second.rig.ground == 0.3
+    assert (tmp_path / "second.toml").read_text() == (tmp_path / "third.toml").read_text()
 
 
 @pytest.mark.parametrize("form", ["bvh", "glb", "npz", "vrma"])

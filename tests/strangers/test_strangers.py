@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from tests.strangers import vrm_files
+from tests.verbs.mapping.parted import split
 from tests.verbs.mapping.rigs import remade
 from verbs import library
 from verbs.io import bvh, motion_files
@@ -173,13 +174,14 @@ def test_the_validator_reads_a_vrm_animation(motions, tmp_path):
     assert [row for row in report["issues"]["messages"] if row["severity"] < 2] == []
 
 
-@pytest.mark.parametrize("kind", ["glb", "vrm"])
+@pytest.mark.parametrize("kind", ["glb", "parted.glb", "vrm"])
 def test_a_motion_added_to_the_file_of_its_figure_is_performed_by_three(tmp_path, kind):
     """A skinned figure in a glb file, and an avatar whose bones rest turned; the file stays valid."""
-    if kind == "glb":
+    if kind != "vrm":
         rig = remade(preset("mixamo"), scale=0.8, arms=1.1)
         still = Motion(rig.skeleton, 30.0, np.tile(rig.origin, (2, 1)), np.stack([rig.rest, rig.rest]))
-        (tmp_path / "hero.glb").write_bytes(motion_files.dump(still, "glb"))
+        content = motion_files.dump(still, "glb")
+        (tmp_path / f"hero.{kind}").write_bytes(content if kind == "glb" else split(content, tmp_path))
     else:
         skeleton = library.load("reach").skeleton
         (tmp_path / "hero.vrm").write_bytes(vrm_files.avatar(skeleton, scale=1.2, limbs=0.9, turned=True))

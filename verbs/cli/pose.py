@@ -141,8 +141,11 @@ def _mapped(
     motion, figures = Mapper.of_verb(evaluator, mapping).sequence(evaluator, poses, fps)
     name = evaluator.verb.name
     extras = extras | {"map": mapping.rig.name, "figures": figures.as_dict()}
+    note = figures_text(figures)
     if form == "glb" and embeddable(mapping.rig):
         content = embedded(mapping.rig, motion, name=name, extras=extras)
     else:
         content = motion_files.dump(motion, form, mannequin=mannequin, name=name, extras=extras)
-    return motion, content, f"; {figures_text(figures)}"
+        if form == "glb" and mapping.rig.nodes:
+            note += "; without the mesh of the target, whose file does not hold all its data plainly"
+    return motion, content, f"; {note}"

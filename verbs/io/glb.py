@@ -42,7 +42,7 @@ class GlbBuilder:
 
     @classmethod
     def of(cls, table: Row, binary: bytes | None) -> GlbBuilder:
-        """A builder that continues a document with one buffer, its binary chunk."""
+        """A builder that continues a document whose only buffer, if any, is ``binary``."""
         builder = cls()
         builder.table = table
         builder._data = bytearray(binary or b"")

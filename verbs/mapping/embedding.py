@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from verbs.io.glb import GlbBuilder
-from verbs.io.gltf_document import open_document
+from verbs.io.gltf_document import Document, Row, open_document
 from verbs.io.gltf_writer import add_animation
 from verbs.kernels import quat
 from verbs.mapping.rig import Rig
@@ -22,8 +22,14 @@ __all__ = ["embeddable", "embedded"]
 
 
 def embeddable(rig: Rig) -> bool:
-    """Whether the target is of a binary glTF file that still exists."""
-    return rig.path is not None and bool(rig.nodes) and rig.path.suffix.lower() in (".glb", ".vrm")
+    """Whether the target is of a binary glTF file that can be written again: it holds its images and plain buffers."""
+    if rig.path is None or not rig.nodes or rig.path.suffix.lower() not in (".glb", ".vrm"):
+        return False
+    document = open_document(rig.path)
+    uris = [document.text(row, "uri", "images") for row in document.rows("images")]
+    if any(uri and not uri.startswith("data:") for uri in uris):
+        return False
+    return _has_one_buffer(document) or not any("extensions" in row for row in document.rows("bufferViews"))
 
 
 def embedded(rig: Rig, motion: Motion, *, name: str = "motion", extras: Table[str, Any] | None = None) -> bytes:
@@ -47,7 +53,7 @@ def embedded(rig: Rig, motion: Motion, *, name: str = "motion", extras: Table[st
     """
     assert rig.path is not None
     document = open_document(rig.path)
-    builder = GlbBuilder.of(copy.deepcopy(document.table), document.binary)
+    builder = GlbBuilder.of(*_in_one_buffer(document))
     back = quat.conjugate(rig.turn)
     root = quat.rotate(back, motion.root / rig.metres - rig.place) / rig.size
     rotations = motion.rotations.copy()
@@ -61,7 +67,29 @@ def embedded(rig: Rig, motion: Motion, *, name: str = "motion", extras: Table[st
     return builder.content()
 
 
-def _decompose(row: dict[str, Any]) -> None:
+def _has_one_buffer(document: Document) -> bool:
+    """Whether the binary chunk is the only buffer."""
+    buffers = document.rows("buffers")
+    return len(buffers) == 0 or (len(buffers) == 1 and "uri" not in buffers[0])
+
+
+def _in_one_buffer(document: Document) -> tuple[Row, bytes | None]:
+    """A copy of the JSON of a document, and all its buffers in one."""
+    table = copy.deepcopy(document.table)
+    if _has_one_buffer(document):
+        return table, document.binary
+    content, starts = bytearray(), []
+    for number in range(len(document.rows("buffers"))):
+        content += bytes(-len(content) % 8)  # any component keeps its alignment
+        starts.append(len(content))
+        content += document.buffer(number, "buffers")
+    for number, row in enumerate(table.get("bufferViews", [])):
+        buffer = document.integer(row, "buffer", f"bufferViews[{number}]")
+        row |= {"buffer": 0, "byteOffset": row.get("byteOffset", 0) + starts[buffer]}
+    return table, bytes(content)
+
+
+def _decompose(row: Row) -> None:
     """Replace the matrix of a node by its translation, rotation and scale: only these can be animated."""
     matrix = row.pop("matrix", None)
     if matrix is None:

@@ -1,6 +1,7 @@
 """``adverb map`` and ``adverb export --map``."""
 
 import json
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from tests.strangers.vrm_files import avatar
+from tests.verbs.mapping.parted import glb, split
 from verbs import library
 from verbs.cli import app
 from verbs.errors import RequestError, UnknownName
-from verbs.io import gltf, motion_files
+from verbs.io import gltf, gltf_writer, motion_files
+from verbs.io.gltf_accessors import Accessors
+from verbs.io.gltf_document import open_document
 from verbs.kernels import fk
 from verbs.mapping.mapping import open_mapping
 from verbs.mapping.presets import preset
@@ -98,6 +102,46 @@ def test_export_adds_the_motion_to_the_file_of_the_target(tmp_path: Path) -> Non
     rig = read_rig(tmp_path / "out.glb")  # it still rests as it did, and names its bones
     np.testing.assert_allclose(rig.rest, read_rig(tmp_path / "hero.vrm").rest, atol=1e-9)
     assert rig.given
+
+
+def values(path: Path, count: int) -> list[np.ndarray]:
+    """Values of the first accessors of a file; indices are left out."""
+    document = open_document(path)
+    rows = document.rows("accessors")[:count]
+    kept = [k for k, row in enumerate(rows) if row["componentType"] == 5126]
+    return [Accessors(document).array(k, "", rows[k]["type"], 10**6) for k in kept]
+
+
+def test_all_buffers_of_the_target_are_in_the_file_that_is_written(tmp_path: Path) -> None:
+    rig = preset("mixamo")
+    still = Motion(rig.skeleton, 30.0, np.tile([0.0, 0.96, 0.0], (2, 1)), np.stack([rig.rest, rig.rest]))
+    content = gltf_writer.dump(still)
+    (tmp_path / "whole.glb").write_bytes(content)
+    (tmp_path / "hero.glb").write_bytes(split(content, tmp_path))
+    (tmp_path / "away").mkdir()
+    for name in ("whole", "hero"):
+        call("export", "reach", *AT, "--map", tmp_path / f"{name}.glb", "-o", tmp_path / "away" / f"{name}.glb")
+    found = open_document(tmp_path / "away" / "hero.glb")
+    (buffer,) = found.rows("buffers")
+    for view in found.rows("bufferViews"):
+        assert view["buffer"] == 0
+        assert view["byteOffset"] + view["byteLength"] <= buffer["byteLength"]
+    count = len(found.rows("accessors"))
+    one, two = (values(tmp_path / "away" / f"{name}.glb", count) for name in ("whole", "hero"))
+    assert len(one) == len(two) > 5
+    for first, second in zip(one, two, strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_a_target_with_images_beside_it_is_written_as_a_skeleton(tmp_path: Path) -> None:
+    content = avatar(library.load("reach").skeleton)
+    size = struct.unpack_from("<I", content, 12)[0]
+    table = json.loads(content[20 : 20 + size]) | {"images": [{"uri": "skin.png"}]}
+    (tmp_path / "hero.glb").write_bytes(glb(table, b""))
+    result = call("export", "reach", *AT, "--map", tmp_path / "hero.glb", "-o", tmp_path / "out.glb")
+    assert "without the mesh" in " ".join(result.stderr.split())
+    assert not open_document(tmp_path / "out.glb").rows("images")
+    assert gltf.clip_names(tmp_path / "out.glb") == ("reach",)
 
 
 def test_wrong_targets_are_refused(tmp_path: Path) -> None:

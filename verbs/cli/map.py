@@ -49,6 +49,8 @@ def map_command(
     from verbs.runtime.evaluate import Evaluator
 
     mapping = open_mapping(target, goal=goal)
+    for note in mapping.rig.notes:
+        err.print(f"{plain(mapping.rig.name)}: {plain(note)}")
     evaluator = Evaluator(open_verb(verb))
     mapper = Mapper.of_verb(evaluator, mapping)
     report = None

@@ -26,17 +26,16 @@ from verbs.errors import MotionFileError, UnknownName
 from verbs.io.gltf_accessors import Accessors
 from verbs.io.gltf_document import Document, open_document
 from verbs.io.gltf_nodes import Joints, Node, choose_joints, read_nodes
+from verbs.io.gltf_scales import SCALED, fixed_transform, inherited_scale, node_scale
 from verbs.io.gltf_tracks import Track, key_rate, read_tracks, sample
 from verbs.io.joint_tracks import STRETCH_M, JointTracks, root_motion
 from verbs.io.report import MotionFile, Note, Report
 from verbs.kernels import quat
 
-__all__ = ["MAX_FPS", "clip_names", "read_file"]
+__all__ = ["MAX_FPS", "clip_names", "read_file", "unique_names"]
 
 MAX_FPS = 1000.0
 _MAX_ROTATIONS = 20_000_000  # frames × joints, as for BVH
-_SCALED = 1e-3
-"""Scales that differ by less from 1, or over time, are rounding."""
 
 Tracks = dict[tuple[int, str], Track]
 
@@ -153,14 +152,13 @@ def _joint_tracks(
     parents = np.array([index.get(nodes[node].parent, -1) for node in order], np.int64)
     parents[0] = -1
     scales = {node: _scale(nodes[node], tracks.get((node, "scale")), times, notes) for node in (*joints.fixed, *order)}
-    world, turn, scale = _fixed(nodes, joints.fixed, scales, notes)
+    world, turn, scale = fixed_transform(nodes, joints.fixed, scales, notes)
     factors = np.empty((len(order), 3))
     offsets, rotations = np.empty((len(order), 3)), np.empty((len(times), len(order), 4))
     positions: dict[int, F64] = {}
     for k, node in enumerate(order):
         above = parents[k]
-        # A scale along one axis reaches the joints that hang on it directly; further down it counts as its mean.
-        inherited = scale if above < 0 else np.cbrt(factors[above].prod()) * scales[order[above]]
+        inherited = scale if above < 0 else inherited_scale(factors[above], scales[order[above]])
         factors[k] = inherited
         offsets[k] = metres * inherited * nodes[node].translation
         rotation, translation = tracks.get((node, "rotation")), tracks.get((node, "translation"))
@@ -172,9 +170,9 @@ def _joint_tracks(
     rotations[:, 0] = quat.mul(turn, rotations[:, 0])
     tips = [nodes[tip] for tip in joints.tips]
     carriers = [index[tip.parent] for tip in tips]
-    reach = [metres * np.cbrt(factors[k].prod()) * scales[order[k]] for k in carriers]
+    reach = [metres * inherited_scale(factors[k], scales[order[k]]) for k in carriers]
     return JointTracks(
-        names=_unique([nodes[node].name for node in order]),
+        names=unique_names([nodes[node].name for node in order]),
         parents=parents,
         offsets=offsets,
         rotations=rotations,
@@ -192,39 +190,15 @@ def _scale(node: Node, track: Track | None, times: F64, notes: list[Note]) -> F6
     if track is not None:
         found = sample(track, times)
         low, high = found.min(axis=0), found.max(axis=0)
-        if (high - low <= _SCALED * np.abs(high)).all() and (low > 1e-9).all():
+        if (high - low <= SCALED * np.abs(high)).all() and (low > 1e-9).all():
             scale = found.mean(axis=0)
         else:
             text = f"the scale of joint '{node.name}' changes from {low.min():.3g} to {high.max():.3g}; it is ignored"
             notes.append(Note("scale", node.name, text))
-    if np.abs(scale - 1.0).max() <= _SCALED:
-        return np.ones(3)
-    if np.ptp(scale) > _SCALED * scale.max():
-        text = (
-            f"joint '{node.name}' has another scale along each axis, {np.round(scale, 4).tolist()}; joints below move"
-        )
-        notes.append(Note("scale", node.name, text))
-    return scale
+    return node_scale(node, scale, notes)
 
 
-def _fixed(
-    nodes: list[Node], above: tuple[int, ...], scales: dict[int, F64], notes: list[Note]
-) -> tuple[F64, F64, F64]:
-    """Translation (3,), rotation (4,) and scale (3,) of the fixed nodes above the joints."""
-    place, turn, scale = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)
-    for node in above:
-        place = place + quat.rotate(turn, scale * nodes[node].translation)
-        turn = quat.mul(turn, nodes[node].rotation)
-        scale = np.cbrt(scale.prod()) * scales[node]
-    angle = float(np.degrees(np.linalg.norm(quat.log(turn))))
-    if angle > 0.01 or np.abs(place).max() > 1e-6 or np.abs(scale - 1.0).max() > _SCALED:
-        names = ", ".join(f"'{nodes[node].name}'" for node in above)
-        size = f", scale {np.cbrt(scale.prod()):.4g}" if np.abs(scale - 1.0).max() > _SCALED else ""
-        notes.append(Note("applied", names, f"the transform of {names} is applied: rotation {angle:.4g}°{size}"))
-    return place, turn, scale
-
-
-def _unique(names: list[str]) -> tuple[str, ...]:
+def unique_names(names: list[str]) -> tuple[str, ...]:
     """Names in their order; one that stands again gets the next free number."""
     taken = set(names)
     seen: set[str] = set()

@@ -169,11 +169,11 @@ def choose_joints(document: Document, nodes: list[Node], animated: set[int], roo
         for index in tops
         if index != top
     )
-    found = Joints(joints, len(chain) - first, tuple(chain[:first]), _tips(nodes, trees[top]), notes)
-    for index in (*found.fixed, *found.nodes, *found.tips):
+    result = Joints(joints, len(chain) - first, tuple(chain[:first]), _tips(nodes, trees[top]), notes)
+    for index in (*result.fixed, *result.nodes, *result.tips):
         if (problem := nodes[index].problem) is not None:
             raise problem
-    return found
+    return result
 
 
 def _skinned(document: Document, count: int) -> set[int]:

@@ -5,6 +5,7 @@ Source: Khronos, "glTF 2.0 Specification"; VRM Consortium, "VRMC_vrm-1.0" and "V
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +14,12 @@ import numpy as np
 from verbs.conventions import F64, I64, METRES_PER_UNIT
 from verbs.errors import MotionFileError, UnknownName
 from verbs.io import motion_files
+from verbs.io.gltf import unique_names
 from verbs.io.gltf_accessors import Accessors
 from verbs.io.gltf_document import Document, open_document
 from verbs.io.gltf_nodes import Node, choose_joints, read_nodes
+from verbs.io.gltf_scales import fixed_transform, inherited_scale, node_scale
+from verbs.io.report import CHANGES, Note
 from verbs.kernels import fk, quat
 from verbs.mapping.names import roles_of
 from verbs.mapping.rig import STILL, Rig, choose_reference, standing_score
@@ -66,14 +70,21 @@ def read_rig(path: str | Path, *, unit: str | None = None) -> Rig:
 
 
 def _of_motion(path: Path) -> Rig:
-    motion = motion_files.read(path, stretch_m=np.inf).motion  # the skeleton counts, not how it stretches
+    file = motion_files.read(path, stretch_m=np.inf)  # the skeleton counts, not how it stretches
+    motion = file.motion
     skeleton = motion.skeleton
     still = np.tile(STILL, (len(skeleton), 1))
     roles = roles_of(skeleton.names, skeleton.parents.tolist())
     frames = motion.rotations[:: max(1, len(motion) // FRAMES)]
     reference = choose_reference(skeleton, roles, [still, *frames])
     rest = still if reference is still else reference
-    return Rig(path.name, skeleton, rest, reference, np.zeros(3), grounded_at_lowest=True, path=path)
+    notes = _texts(file.report.notes)
+    return Rig(path.name, skeleton, rest, reference, np.zeros(3), grounded_at_lowest=True, path=path, notes=notes)
+
+
+def _texts(notes: Iterable[Note]) -> tuple[str, ...]:
+    """Texts of the notes that change the skeleton or leave a part of it out."""
+    return tuple(note.text for note in notes if note.kind in CHANGES and note.kind != "stretch")
 
 
 def _of_nodes(path: Path) -> Rig:
@@ -82,22 +93,24 @@ def _of_nodes(path: Path) -> Rig:
     human = _human_bones(document, len(nodes))
     members = set(human.values()) or _animated(document, len(nodes))
     joints = choose_joints(document, nodes, members or _plain(nodes), None)
-    place, turn, scale = _above(nodes, joints.fixed)
+    notes = list(joints.notes)
+    scales = {node: node_scale(nodes[node], nodes[node].scale, notes) for node in (*joints.fixed, *joints.nodes)}
+    place, turn, scale = fixed_transform(nodes, joints.fixed, scales, notes)
     index = {node: k for k, node in enumerate(joints.nodes)}
     parents = np.array([index.get(nodes[node].parent, -1) for node in joints.nodes], np.int64)
     parents[0] = -1
-    factors = np.empty(len(index))
+    below = np.empty((len(index), 3))  # scale of what hangs on each
     offsets, rest = np.empty((len(index), 3)), np.empty((len(index), 4))
     for node, k in index.items():
-        inherited = scale if parents[k] < 0 else factors[parents[k]]
-        factors[k] = inherited * np.cbrt(nodes[node].scale.prod())
+        inherited = scale if parents[k] < 0 else below[parents[k]]
+        below[k] = inherited_scale(inherited, scales[node])
         offsets[k], rest[k] = inherited * nodes[node].translation, nodes[node].rotation
     origin = place + quat.rotate(turn, offsets[0])
     rest[0], offsets[0] = quat.mul(turn, rest[0]), 0.0
     tips = [nodes[tip] for tip in joints.tips]
     carriers = np.array([index[tip.parent] for tip in tips], np.int64)
-    lengths = np.array([factors[k] * tip.translation for k, tip in zip(carriers, tips, strict=True)]).reshape(-1, 3)
-    skeleton = Skeleton(_unique([nodes[node].name for node in joints.nodes]), parents, offsets, carriers, lengths)
+    lengths = np.array([below[k] * tip.translation for k, tip in zip(carriers, tips, strict=True)]).reshape(-1, 3)
+    skeleton = Skeleton(unique_names([nodes[node].name for node in joints.nodes]), parents, offsets, carriers, lengths)
     given = {bone: index[node] for bone, node in human.items() if node in index}
     roles = roles_of(skeleton.names, parents.tolist(), given)
     poses = (
@@ -106,7 +119,7 @@ def _of_nodes(path: Path) -> Rig:
     reference = choose_reference(skeleton, roles, poses)
     rig = Rig(
         path.name, skeleton, rest, reference, origin, given=given, nodes=joints.nodes, path=path, place=place,
-        turn=turn, size=scale,
+        turn=turn, size=scale, notes=_texts(notes),
     )  # fmt: skip
     return _grounded(rig)
 
@@ -146,16 +159,6 @@ def _animated(document: Document, count: int) -> set[int]:
 def _plain(nodes: list[Node]) -> set[int]:
     """Nodes that carry no mesh or camera."""
     return {k for k, node in enumerate(nodes) if not node.bulky and (node.children or node.parent >= 0)}
-
-
-def _above(nodes: list[Node], fixed: tuple[int, ...]) -> tuple[F64, F64, float]:
-    """Translation (3,), rotation (4,) and scale of the nodes above the joints."""
-    place, turn, scale = np.zeros(3), STILL, 1.0
-    for node in fixed:
-        place = place + quat.rotate(turn, scale * nodes[node].translation)
-        turn = quat.mul(turn, nodes[node].rotation)
-        scale *= float(np.cbrt(nodes[node].scale.prod()))
-    return place, turn, scale
 
 
 def _bind_pose(document: Document, index: dict[int, int], parents: I64, rest: F64) -> list[F64]:
@@ -205,17 +208,3 @@ def _scaled(rig: Rig, factor: float, unit: str) -> Rig:
     skeleton = Skeleton(own.names, own.parents, own.offsets * factor, own.tip_parents, own.tip_offsets * factor)
     ground = None if rig.ground is None else rig.ground * factor
     return replace(rig, skeleton=skeleton, origin=rig.origin * factor, ground=ground, unit=unit, metres=factor)
-
-
-def _unique(names: list[str]) -> tuple[str, ...]:
-    """Names in their order; one that stands again gets a number."""
-    seen: set[str] = set()
-    result = []
-    for name in names:
-        unique, number = name, 1
-        while unique in seen:
-            number += 1
-            unique = f"{name}.{number}"
-        seen.add(unique)
-        result.append(unique)
-    return tuple(result)

@@ -54,10 +54,12 @@ class Rig:
         Nodes of the joints in a glTF file.
     path : Path or None
         The file.
-    place, turn, size : (3,), (4,) float64, float
-        Transform of the nodes above the joints, in the unit of the file.
+    place, turn, size : (3,), (4,), (3,) float64
+        Translation, rotation and scale of the nodes above the joints, in the unit of the file.
     metres : float
         Metres per unit.
+    notes : tuple of str
+        What reading the file changed or left out.
     """
 
     name: str
@@ -73,8 +75,9 @@ class Rig:
     path: Path | None = None
     place: F64 = field(default_factory=lambda: np.zeros(3))
     turn: F64 = field(default_factory=lambda: STILL)
-    size: float = 1.0
+    size: F64 = field(default_factory=lambda: np.ones(3))
     metres: float = 1.0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze(self)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from tests.strangers.vrm_files import avatar
+from tests.verbs.gltf_files import body_file
 from tests.verbs.mapping.rigs import remade
 from verbs import library
 from verbs.errors import MotionFileError, RequestError, SourceError, UnknownName
 from verbs.io import bvh, gltf_writer, motion_files
 from verbs.kernels import fk, quat
 from verbs.mapping.alignment import ground
+from verbs.mapping.embedding import embedded
 from verbs.mapping.mapper import Mapper
 from verbs.mapping.mapping import Mapping, open_mapping
 from verbs.mapping.plan import explicit_joints, plan
@@ -90,6 +92,23 @@ def test_a_zero_pose_that_is_a_heap_of_bones_is_replaced_by_a_standing_frame(tmp
     moved = [Mapper.of_verb(evaluator, Mapping(target)).sequence(evaluator, poses, 60.0)[0] for target in (found, rig)]
     places = [fk.forward(one.root, one.rotations, one.skeleton.parents, one.skeleton.offsets)[1] for one in moved]
     np.testing.assert_allclose(places[0], places[1], atol=0.02)
+
+
+def test_a_scale_along_one_axis_is_that_of_the_reader(tmp_path: Path) -> None:
+    source = body_file()
+    names = [row["name"] for row in source.table["nodes"]]
+    source.table["nodes"][names.index("Armature")]["scale"] = [0.01, 0.02, 0.01]
+    source.table["nodes"][names.index("LeftArm")]["scale"] = [2.0, 1.0, 1.0]
+    path = source.write(tmp_path / "a.glb")
+    rig, file = read_rig(path, unit="m"), motion_files.read(path)
+    skeleton = file.motion.skeleton
+    assert rig.skeleton.names == skeleton.names
+    np.testing.assert_allclose(rig.skeleton.offsets, skeleton.offsets, atol=1e-6)
+    np.testing.assert_allclose(rig.skeleton.tip_offsets, skeleton.tip_offsets, atol=1e-6)
+    assert [text for text in rig.notes if "LeftArm" in text]
+    (tmp_path / "out.glb").write_bytes(embedded(rig, Motion(skeleton, 30.0, file.motion.root, file.motion.rotations)))
+    again = motion_files.read(tmp_path / "out.glb", clip=0).motion
+    np.testing.assert_allclose(again.root, file.motion.root, atol=1e-5)
 
 
 @pytest.mark.parametrize(("ending", "height"), [("bvh", 1.5), ("npz", 1.5), ("glb", 1.5)])

@@ -16,6 +16,9 @@ from verbs.mapping.source import Source
 
 __all__ = ["driven_chain", "hinge_of", "limb_of", "soles_of"]
 
+LEAST_BONE = 1e-6
+"""Length of a bone that has one, in lengths of the target's legs."""
+
 
 def driven_chain(driven: Driven, k: int) -> list[int]:
     """Driven joints from the pelvis to one, both included."""
@@ -27,7 +30,10 @@ def driven_chain(driven: Driven, k: int) -> list[int]:
 
 
 def limb_of(rows: list[Row], driven: Driven, joints: list[int]) -> list[int] | None:
-    """Driven joints of three source joints in a row, each the parent of the next; None where they are not."""
+    """Driven joints of three source joints in a row, each the parent of the next; None where they are not.
+
+    Also None where a bone between them has no length: such a limb cannot bend.
+    """
     found = []
     for joint in joints:
         mapped = [
@@ -36,8 +42,9 @@ def limb_of(rows: list[Row], driven: Driven, joints: list[int]) -> list[int] | N
         if not mapped:
             return None
         found.append(mapped[0])
-    linked = all(driven.parents[b] == a for a, b in pairwise(found))
-    return found if linked and driven.parents[found[0]] >= 0 else None
+    linked = all(driven.parents[b] == a for a, b in pairwise(found)) and driven.parents[found[0]] >= 0
+    shortest = float(np.linalg.norm(driven.offsets[found[1:]], axis=1).min())
+    return found if linked and shortest > LEAST_BONE * driven.leg else None
 
 
 def hinge_of(source: Source, driven: Driven, joints: list[int], upper: int) -> F64:

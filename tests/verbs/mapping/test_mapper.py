@@ -232,6 +232,18 @@ def test_pairs_make_a_humanoid_of_unknown_names(axis: tuple[float, float, float]
     np.testing.assert_allclose(positions(two)[:, joints], positions(one)[:, joints], atol=1e-6)
 
 
+@pytest.mark.parametrize("bone", ["rightHand", "rightLowerArm", "leftFoot", "leftLowerLeg"])
+@pytest.mark.parametrize("name", ["reach", "kick"])
+def test_a_bone_without_length_is_no_limb_that_bends(name: str, bone: str) -> None:
+    rig = preset("vrm")
+    offsets = rig.skeleton.offsets.copy()
+    offsets[rig.roles.bones[bone]] = 0.0
+    flat = replace(rig, skeleton=replace(rig.skeleton, offsets=offsets))
+    for _, motion, _ in mapped(name, flat):
+        assert np.isfinite(motion.root).all()
+        np.testing.assert_allclose(np.linalg.norm(motion.rotations, axis=-1), 1.0, atol=1e-9)
+
+
 def test_a_root_above_the_hips_carries_them() -> None:
     rig = preset("unreal")
     assert rig.skeleton.names[:2] == ("root", "pelvis")

@@ -103,6 +103,19 @@ test.each([
   });
 });
 
+test.each(["hand_r", "lowerarm_r", "foot_l", "calf_l"])("a figure whose %s has no length has finite poses", (bone) => {
+  const [given] = POSES as [Case];
+  const joints = jointsOf(given).map((joint) =>
+    joint.name === bone ? { ...joint, position: [0, 0, 0] as const } : joint,
+  );
+  const mapper = new Mapper(given.verb as unknown as MappedVerb, joints);
+  given.values.forEach((values, n) => {
+    mapper.apply(values, given.phases[n] as number);
+    expect(mapper.turns.flat().every(Number.isFinite)).toBe(true);
+    expect(mapper.root.every(Number.isFinite)).toBe(true);
+  });
+});
+
 test("a figure without known bones is refused", () => {
   const [first] = POSES as [Case];
   const joints: RestJoint[] = [{ name: "thing", parent: -1, rotation: STILL, position: [0, 0, 0] }];

@@ -18,6 +18,9 @@ import {
   type V,
 } from "./vector.js";
 
+/** Length of a bone that has one, in lengths of the target's legs. */
+const LEAST_BONE = 1e-6;
+
 /** What a mapping needs of a verb's description. */
 export interface MappedVerb {
   looping: boolean;
@@ -191,9 +194,9 @@ export class Prepared {
   private limb(joints: readonly number[]): [number, number, number] | null {
     const found = joints.map((joint) => this.rows.findIndex(({ first, share }) => first === joint && share === 0));
     const [a = -1, b = -1, c = -1] = found;
-    return Math.min(a, b, c) >= 0 && this.above[b] === a && this.above[c] === b && (this.above[a] ?? -1) >= 0
-      ? [a, b, c]
-      : null;
+    if (Math.min(a, b, c) < 0 || this.above[b] !== a || this.above[c] !== b || (this.above[a] ?? -1) < 0) return null;
+    const shortest = Math.min(...[b, c].map((k) => length(this.offsets[k] as V)));
+    return shortest > LEAST_BONE * this.legs ? [a, b, c] : null; // a bone without length cannot bend
   }
 
   /** Hinge in the frame of the target's upper joint, by that of the standing source. */

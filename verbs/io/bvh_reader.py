@@ -316,7 +316,7 @@ def _choose_tree(source: _Text, header: _Header, root: str | None) -> tuple[int,
     alike = [trees[tree][0].name for tree in among if len(trees[tree]) == len(trees[chosen])]
     if len(alike) > 1:
         found = f"{len(alike)} hierarchies with {len(trees[chosen])} joints: {', '.join(alike[:5])}"
-        advice = "name the root to read (root), or put each character into a file of its own"
+        advice = "name the root to read (root, in a mapping.toml [root] joint), or put each character into its own file"
         expected = "one hierarchy that is larger than the others"
         raise MotionFileError(source.path, trees[chosen][0].line, expected, found, advice)
     notes = []

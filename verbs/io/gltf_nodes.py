@@ -153,7 +153,8 @@ def choose_joints(document: Document, nodes: list[Node], animated: set[int], roo
     alike = [nodes[index].name for index in among if len(trees[index]) == len(trees[top])]
     if len(alike) > 1:
         found = f"{len(alike)} trees of {len(trees[top])} joints: {', '.join(alike[:5])}"
-        document.fail("nodes", "one tree of joints larger than the others", found, "name the root to read (root)")
+        advice = "name the root to read (root, in a mapping.toml [root] joint)"
+        document.fail("nodes", "one tree of joints larger than the others", found, advice)
     chain = _chain(nodes, top)
     first = next((k for k, index in enumerate(chain) if index in animated), len(chain))
     joints = (*chain[first:], *trees[top])

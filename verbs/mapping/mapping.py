@@ -20,7 +20,7 @@ GOALS = ("scaled", "world")
 
 _KEYS: dict[str, tuple[str, ...]] = {
     "": ("preset", "target", "unit", "root", "ground", "effector", "joints"),
-    "root": ("scale", "travel"), "ground": ("feet", "height"), "effector": ("goal",),
+    "root": ("joint", "scale", "travel"), "ground": ("feet", "height"), "effector": ("goal",),
 }  # fmt: skip
 
 MAX_SCALE = 1000.0
@@ -43,6 +43,8 @@ class Mapping:
         Scale of the way over the ground; None takes that of lengths.
     feet : bool
         Whether feet are put on the ground.
+    root : str or None
+        Joint of the hierarchy that is read where the file has several; None takes the largest.
     height : float or None
         Height of the ground as it is stated, in the unit of the file; the rig has it in metres. None: not stated.
     """
@@ -53,6 +55,7 @@ class Mapping:
     scale: float | None = None
     travel: float | None = None
     feet: bool = True
+    root: str | None = None
     height: float | None = None
 
 
@@ -117,24 +120,28 @@ def _read(path: Path) -> Mapping:
     if "height" in ground:
         height = _number(path, "[ground] height", ground["height"])
         rig = replace(rig, ground=height * rig.metres)
-    scale, travel = (
-        _scale(path, root.get("scale", "legs"), "legs"),
-        _scale(path, root.get("travel", "scaled"), "scaled"),
-    )
-    return Mapping(rig, joints, goal, scale, 1.0 if root.get("travel") == "world" else travel, feet, height)
+    scale, travel = _scale(path, root.get("scale", "legs"), "legs"), _travel(path, root.get("travel", "scaled"))
+    return Mapping(rig, joints, goal, scale, travel, feet, root.get("joint"), height)
+
+
+def _travel(path: Path, value: object) -> float | None:
+    return 1.0 if value == "world" else _scale(path, value, "scaled")
 
 
 def _rig(path: Path, table: Table[str, Any]) -> Rig:
     from verbs.mapping.reading import read_rig
 
     name, target, unit = table.get("preset"), table.get("target"), table.get("unit")
+    joint = _table(path, table, "root").get("joint")
     if (name is None) == (target is None):
         raise SourceError(path, "give either preset or target")
-    if not all(value is None or isinstance(value, str) for value in (name, target, unit)):
-        raise SourceError(path, "preset, target and unit must be texts")
-    if name is not None:
-        return preset(name)
-    return read_rig(path.parent / str(target), unit=unit)
+    if not all(value is None or isinstance(value, str) for value in (name, target, unit, joint)):
+        raise SourceError(path, "preset, target, unit and [root] joint must be texts")
+    if name is None:
+        return read_rig(path.parent / str(target), unit=unit, root=joint)
+    if joint is not None:
+        raise SourceError(path, "[root] joint is of a target's file; a preset has one root")
+    return preset(name)
 
 
 def _check_keys(path: Path, table: Table[str, Any]) -> None:

@@ -40,7 +40,7 @@ SOLE_SHARE = 0.12
 """Share of a figure's height by which the file's zero may lie below its lowest joint and still be the ground."""
 
 
-def read_rig(path: str | Path, *, unit: str | None = None) -> Rig:
+def read_rig(path: str | Path, *, unit: str | None = None, root: str | None = None) -> Rig:
     """Target skeleton of a file.
 
     Parameters
@@ -49,11 +49,13 @@ def read_rig(path: str | Path, *, unit: str | None = None) -> Rig:
         A file that ends as one of :data:`TARGETS`.
     unit : str, optional
         Unit of length, a key of ``conventions.METRES_PER_UNIT``. By default the one that gives a figure of human size.
+    root : str, optional
+        Joint of the hierarchy that is read, where the file has several. By default the one with the most joints.
 
     Raises
     ------
     MotionFileError
-        The file is invalid, or has no skeleton.
+        The file is invalid, or has no skeleton, or no joint ``root``.
     UnknownName
         The unit is not known.
     """
@@ -64,13 +66,13 @@ def read_rig(path: str | Path, *, unit: str | None = None) -> Rig:
     if ending not in TARGETS:
         found = f"the ending '{path.suffix}'" if path.suffix else "no ending"
         raise MotionFileError(path, None, f"a file that ends in {', '.join(TARGETS)}", found, "convert it first")
-    rig = _of_nodes(path) if ending in (".glb", ".gltf", ".vrm") else _of_motion(path)
+    rig = _of_nodes(path, root) if ending in (".glb", ".gltf", ".vrm") else _of_motion(path, root)
     chosen = unit or _likely_unit(rig)
     return _scaled(rig, METRES_PER_UNIT[chosen], chosen)
 
 
-def _of_motion(path: Path) -> Rig:
-    file = motion_files.read(path, stretch_m=np.inf)  # the skeleton counts, not how it stretches
+def _of_motion(path: Path, root: str | None) -> Rig:
+    file = motion_files.read(path, root=root, stretch_m=np.inf)  # the skeleton counts, not how it stretches
     motion = file.motion
     skeleton = motion.skeleton
     still = np.tile(STILL, (len(skeleton), 1))
@@ -87,12 +89,14 @@ def _texts(notes: Iterable[Note]) -> tuple[str, ...]:
     return tuple(note.text for note in notes if note.kind in CHANGES and note.kind != "stretch")
 
 
-def _of_nodes(path: Path) -> Rig:
+def _of_nodes(path: Path, root: str | None) -> Rig:
     document = open_document(path)
     nodes = read_nodes(document)
     human = _human_bones(document, len(nodes))
     members = set(human.values()) or _animated(document, len(nodes))
-    joints = choose_joints(document, nodes, members or _plain(nodes), None)
+    joints = choose_joints(document, nodes, members or _plain(nodes), root)
+    if root is not None and root not in [nodes[node].name for node in joints.nodes]:
+        document.fail("nodes", f"a joint '{root:.60}'", "none of that name")
     notes = list(joints.notes)
     scales = {node: node_scale(nodes[node], nodes[node].scale, notes) for node in (*joints.fixed, *joints.nodes)}
     place, turn, scale = fixed_transform(nodes, joints.fixed, scales, notes)

@@ -24,12 +24,13 @@ def to_toml(mapping: Mapping, joints: Table[str, str], target: str) -> str:
         Name of the preset, or path of the target from the folder of the ``mapping.toml``.
     """
     ground = {"feet": mapping.feet} | ({} if mapping.height is None else {"height": mapping.height})
+    root = {} if mapping.root is None else {"joint": mapping.root}
     left_out = {source: "" for source, other in mapping.joints.items() if not other}
     head: dict[str, Any] = {"preset": target} if target in PRESETS else {"target": target, "unit": mapping.rig.unit}
     return toml_dump(
         head
         | {
-            "root": {"scale": mapping.scale or "legs", "travel": mapping.travel or "scaled"},
+            "root": root | {"scale": mapping.scale or "legs", "travel": mapping.travel or "scaled"},
             "ground": ground,
             "effector": {"goal": mapping.goal},
             "joints": {**joints, **left_out},

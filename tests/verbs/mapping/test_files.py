@@ -1,5 +1,6 @@
 """Targets and mappings of files: BVH, glTF, VRM, mapping.toml."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,33 @@ def test_a_scale_along_one_axis_is_that_of_the_reader(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.root, file.motion.root, atol=1e-5)
 
 
+def test_of_two_equal_figures_the_named_one_is_read(tmp_path: Path) -> None:
+    source = body_file(above=False)
+    count = len(source.table["nodes"])
+    for row in json.loads(json.dumps(source.table["nodes"])):
+        row["children"] = [count + child for child in row.pop("children", [])]
+        source.node("Other" + row.pop("name"), **{key: value for key, value in row.items() if value})
+    source.skin([count + joint for joint in source.table["skins"][0]["joints"]])
+    source.write(tmp_path / "two.glb")
+    text = bvh.dump(standing())
+    tree, motion = text.split("MOTION\n")
+    head, rows = motion.split("\n", 2)[:2], motion.split("\n", 2)[2]
+    other = tree.removeprefix("HIERARCHY\n").replace("mixamorig:", "Other")
+    twice = "\n".join(f"{row} {row}" for row in rows.strip().split("\n"))
+    (tmp_path / "two.bvh").write_text(f"{tree}{other}MOTION\n" + "\n".join(head) + f"\n{twice}\n")
+    for name in ("two.glb", "two.bvh"):
+        with pytest.raises(MotionFileError, match=r"\[root\] joint"):
+            read_rig(tmp_path / name)
+        (tmp_path / "m.toml").write_text(f'target = "{name}"\n[root]\njoint = "OtherHips"\n')
+        mapping = open_mapping(str(tmp_path / "m.toml"))
+        assert mapping.rig.skeleton.names[0] == "OtherHips"
+        assert len(mapping.rig.notes) == 1
+        (tmp_path / "again.toml").write_text(to_toml(mapping, {}, name))
+        assert open_mapping(str(tmp_path / "again.toml")).rig.skeleton.names[0] == "OtherHips"
+        with pytest.raises(MotionFileError):
+            read_rig(tmp_path / name, root="Tail")
+
+
 @pytest.mark.parametrize(("ending", "height"), [("bvh", 1.5), ("npz", 1.5), ("glb", 1.5)])
 def test_the_height_of_the_ground_is_in_the_unit_of_the_file(tmp_path: Path, ending: str, height: float) -> None:
     motion_files.write(standing().scaled(100.0), tmp_path / f"hero.{ending}")
@@ -168,6 +196,8 @@ def test_a_given_joint_replaces_the_one_found(tmp_path: Path) -> None:
         ('preset = "vrm"\n[effector]\ngoal = "moon"', SourceError),
         ('preset = "vrm"\n[root]\nscale = -1', SourceError),
         ('preset = "vrm"\n[joints]\nHips = 3', SourceError),
+        ('preset = "vrm"\n[root]\njoint = "hips"', SourceError),
+        ('target = "a.glb"\n[root]\njoint = 3', SourceError),
         ('target = "missing.glb"', MotionFileError),
         ("preset = ", SourceError),
     ],

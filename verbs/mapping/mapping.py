@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Mapping as Table
 from dataclasses import dataclass, field, replace
@@ -23,7 +22,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "root": ("joint", "scale", "travel"), "ground": ("feet", "height"), "effector": ("goal",),
 }  # fmt: skip
 
-MAX_SCALE = 1000.0
+MAX_SCALE, MAX_NUMBER = 1000.0, 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,7 @@ def open_mapping(target: str, *, goal: str | None = None) -> Mapping:
 def _read(path: Path) -> Mapping:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
+    except (OSError, ValueError) as err:  # ValueError: UTF-8, TOML, or a number of thousands of digits
         raise SourceError(path, f"cannot be read: {err}") from err
     _check_keys(path, table)
     joints = _table(path, table, "joints")
@@ -161,13 +160,13 @@ def _table(path: Path, table: Table[str, Any], key: str) -> dict[str, Any]:
 
 
 def _number(path: Path, name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise SourceError(path, f"{name} must be a finite number")
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= MAX_NUMBER:
+        raise SourceError(path, f"{name} must be a number between {-MAX_NUMBER:g} and {MAX_NUMBER:g}")
     return float(value)
 
 
 def _scale(path: Path, value: object, word: str) -> float | None:
-    if value in (word, "world"):
+    if value == word:
         return None
     number = _number(path, f"[root]: a scale, '{word}' or a number,", value)
     if not 0.0 < number <= MAX_SCALE:

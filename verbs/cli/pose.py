@@ -136,16 +136,19 @@ def _mapped(
     from verbs.mapping.embedding import embeddable, embedded
     from verbs.mapping.mapper import Mapper
     from verbs.mapping.mapping import open_mapping
+    from verbs.mapping.vrm import humanoid_of
 
-    mapping = open_mapping(target[0], goal=target[1])
-    motion, figures = Mapper.of_verb(evaluator, mapping).sequence(evaluator, poses, fps)
+    mapper = Mapper.of_verb(evaluator, open_mapping(target[0], goal=target[1]))
+    rig = mapper.mapping.rig
+    motion, figures = mapper.sequence(evaluator, poses, fps)
     name = evaluator.verb.name
-    extras = extras | {"map": mapping.rig.name, "figures": figures.as_dict()}
+    extras = extras | {"map": rig.name, "figures": figures.as_dict()}
     note = figures_text(figures)
-    if form == "glb" and embeddable(mapping.rig):
-        content = embedded(mapping.rig, motion, name=name, extras=extras)
+    if form == "glb" and embeddable(rig):
+        content = embedded(rig, motion, name=name, extras=extras)
     else:
-        content = motion_files.dump(motion, form, mannequin=mannequin, name=name, extras=extras)
-        if form == "glb" and mapping.rig.nodes:
+        human = humanoid_of(rig)
+        content = motion_files.dump(motion, form, mannequin=mannequin, name=name, extras=extras, humanoid=human)
+        if form == "glb" and rig.nodes:
             note += "; without the mesh of the target, whose file does not hold all its data plainly"
     return motion, content, f"; {note}"

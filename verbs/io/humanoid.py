@@ -6,14 +6,15 @@ Source: VRM Consortium, "VRMC_vrm-1.0", humanoid.
 from __future__ import annotations
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 
-from verbs.conventions import F64, I64
+from verbs.conventions import F64
 from verbs.kernels import quat
 from verbs.skeleton import Skeleton
 
-__all__ = ["BONES", "REQUIRED", "bones_above", "bones_of", "missing", "t_pose"]
+__all__ = ["BONES", "REQUIRED", "Humanoid", "bones_above", "bones_of", "missing", "t_pose"]
 
 _CENTER = {
     "hips": "Hips", "spine": "Spine", "chest": "Spine1", "upperChest": "Spine2", "neck": "Neck", "head": "Head",
@@ -49,6 +50,21 @@ _DOWN = np.array([0.0, -1.0, 0.0])
 _STILL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
+class Humanoid(NamedTuple):
+    """Bones of a skeleton whose names do not tell them, and how it stands.
+
+    Parameters
+    ----------
+    bones : dict of str to int
+        Joint of each VRM bone.
+    standing : (J, 4) float64
+        Global rotations of a standing pose that faces +Z.
+    """
+
+    bones: dict[str, int]
+    standing: F64
+
+
 def bones_of(skeleton: Skeleton) -> dict[str, int]:
     """Joint index of each VRM bone that the skeleton has, in the order of :data:`BONES`."""
     known = {_plain(name): joint for joint, name in reversed(list(enumerate(skeleton.names)))}
@@ -73,12 +89,14 @@ def bones_above(parents: list[int], joints: list[int]) -> list[int]:
     return above
 
 
-def t_pose(skeleton: Skeleton, bones: dict[str, int]) -> F64:
-    """Global rotations (J, 4) that take the rest pose to a T-pose: arms along ±X, legs down, feet towards +Z.
+def t_pose(skeleton: Skeleton, bones: dict[str, int], standing: F64 | None = None) -> F64:
+    """Global rotations (J, 4) of a T-pose: arms along ±X, legs down, feet towards +Z.
 
-    Each arm and leg bone is turned by the smallest rotation. Feet keep their pitch. The trunk stays, and joints that
-    are no such bone turn with their parent.
+    Each arm and leg bone of a standing pose is turned by the smallest rotation. Feet keep their pitch. The trunk stays,
+    and joints that are no such bone turn with their parent. ``standing`` are global rotations (J, 4) of that pose; by
+    default it is the pose without rotations.
     """
+    whole = np.tile(_STILL, (len(skeleton), 1)) if standing is None else standing
     aims: dict[int, tuple[int, F64]] = {}
     for side, outward in (("left", _X), ("right", -_X)):
         for bone, after, direction in (
@@ -97,11 +115,11 @@ def t_pose(skeleton: Skeleton, bones: dict[str, int]) -> F64:
             result[joint] = result[parent]
         if joint in aims:
             child, direction = aims[joint]
-            result[joint] = _shortest(_span(skeleton.parents, skeleton.offsets, joint, child), direction)
+            result[joint] = _shortest(_span(skeleton, whole, joint, child), direction)
         elif joint in feet:
             toes = feet[joint]
-            result[joint] = _facing(_span(skeleton.parents, skeleton.offsets, joint, toes)) if toes >= 0 else _STILL
-    return result
+            result[joint] = _facing(_span(skeleton, whole, joint, toes)) if toes >= 0 else _STILL
+    return result if standing is None else quat.mul(result, standing)
 
 
 def _plain(name: str) -> str:
@@ -109,12 +127,12 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s_.\-]", "", name.rsplit(":", 1)[-1]).lower()
 
 
-def _span(parents: I64, offsets: F64, joint: int, below: int) -> F64:
-    """Vector (3,) from a joint to one below it in the rest pose."""
+def _span(skeleton: Skeleton, whole: F64, joint: int, below: int) -> F64:
+    """Vector (3,) from a joint to one below it in the pose with these global rotations (J, 4)."""
     total = np.zeros(3)
-    while below != joint and below >= 0:
-        total = total + offsets[below]
-        below = int(parents[below])
+    while below != joint and (parent := int(skeleton.parents[below])) >= 0:
+        total = total + quat.rotate(whole[parent], skeleton.offsets[below])
+        below = parent
     return total
 
 

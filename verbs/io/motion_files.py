@@ -10,6 +10,7 @@ from verbs.conventions import METRES_PER_UNIT
 from verbs.errors import MotionFileError, UnknownName
 from verbs.io import bvh, gltf, gltf_writer, npz, usd_writer, vrma_writer
 from verbs.io.files import write_atomically
+from verbs.io.humanoid import Humanoid
 from verbs.io.joint_tracks import STRETCH_M
 from verbs.io.report import CHANGES, Folded, Marks, MotionFile, Note, NoteKind, Report
 from verbs.motion import Motion
@@ -115,6 +116,7 @@ def dump(
     mannequin: bool = True,
     name: str = "motion",
     extras: Mapping[str, Any] | None = None,
+    humanoid: Humanoid | None = None,
 ) -> bytes:
     """Bytes of a motion file; equal arguments give equal bytes.
 
@@ -131,6 +133,8 @@ def dump(
         Name of the animation in glb, vrma and usd.
     extras : mapping, optional
         JSON values about the motion, kept in glb, vrma and usd.
+    humanoid : Humanoid, optional
+        Bones of the skeleton for vrma, where its names do not tell them.
 
     Raises
     ------
@@ -147,7 +151,7 @@ def dump(
         case "glb":
             return gltf_writer.dump(motion, mannequin=mannequin, name=name, extras=extras)
         case "vrma":
-            return vrma_writer.dump(motion, name=name, extras=extras)
+            return vrma_writer.dump(motion, name=name, extras=extras, humanoid=humanoid)
         case "npz":
             return npz.dump(motion)
         case "usd":

@@ -22,7 +22,7 @@ from verbs.conventions import F64
 from verbs.errors import RequestError
 from verbs.io.glb import GlbBuilder, Row
 from verbs.io.gltf_writer import add_animation
-from verbs.io.humanoid import bones_above, bones_of, missing, t_pose
+from verbs.io.humanoid import Humanoid, bones_above, bones_of, missing, t_pose
 from verbs.kernels import fk, quat
 from verbs.motion import Motion
 from verbs.skeleton import Skeleton
@@ -32,35 +32,37 @@ __all__ = ["dump"]
 EXTENSION = "VRMC_vrm_animation"
 
 
-def dump(motion: Motion, *, name: str = "motion", extras: Mapping[str, Any] | None = None) -> bytes:
+def dump(
+    motion: Motion, *, name: str = "motion", extras: Mapping[str, Any] | None = None, humanoid: Humanoid | None = None
+) -> bytes:
     """Bytes of a ``.vrma`` file; equal arguments give equal bytes.
 
     Parameters
     ----------
     motion : Motion
-        Its joints are named as in :data:`verbs.io.humanoid.BONES`.
+        Without ``humanoid`` its joints are named as in :data:`verbs.io.humanoid.BONES`, and it rests facing +Z.
     name : str
         Name of the animation.
     extras : mapping, optional
         JSON values for ``asset.extras``; the rate is added as ``fps``.
+    humanoid : Humanoid, optional
+        Bones of the skeleton, and its standing pose.
 
     Raises
     ------
     RequestError
-        The skeleton lacks a bone that a VRM humanoid must have; all of these are named. Or its hips are not the root.
+        The skeleton lacks a bone that a VRM humanoid must have; all of these are named.
     """
     skeleton = motion.skeleton
-    bones = bones_of(skeleton)
+    bones, standing = (bones_of(skeleton), None) if humanoid is None else humanoid
     lacking = missing(bones)
     if lacking:
         raise RequestError(f"the skeleton is no VRM humanoid: it has no joint for {', '.join(lacking)}")
-    if bones["hips"] != 0:
-        raise RequestError(f"the hips of a VRM humanoid are its root, which is '{skeleton.names[0]:.60}' here")
     order = sorted(bones.items(), key=lambda row: row[1])
     joints = [joint for _, joint in order]
     above = bones_above(skeleton.parents.tolist(), joints)
-    turned = t_pose(skeleton, bones)
-    rest = _rest_places(skeleton, turned)
+    turned = t_pose(skeleton, bones, standing)
+    rest = _rest_places(skeleton, turned, bones["hips"])
     builder = GlbBuilder({**(extras or {}), "fps": motion.fps})
     _add_nodes(builder, [skeleton.names[joint] for joint in joints], above, rest[joints], turned[joints])
     builder.add("scenes", {"nodes": [0]})
@@ -70,7 +72,7 @@ def dump(motion: Motion, *, name: str = "motion", extras: Mapping[str, Any] | No
         "extensionsUsed": [EXTENSION],
         "extensions": {EXTENSION: {"specVersion": "1.0", "humanoid": {"humanBones": human}}},
     }
-    add_animation(builder, name, motion.fps, motion.root, _between(motion, joints, above))
+    add_animation(builder, name, motion.fps, _places(motion, bones["hips"]), _between(motion, joints, above))
     return builder.content()
 
 
@@ -86,15 +88,24 @@ def _add_nodes(builder: GlbBuilder, names: list[str], above: list[int], places: 
         builder.add("nodes", row | ({"children": children} if children else {}))
 
 
-def _rest_places(skeleton: Skeleton, turned: F64) -> F64:
-    """Positions (J, 3) of the joints in the T-pose that stands on the ground."""
+def _rest_places(skeleton: Skeleton, turned: F64, hips: int) -> F64:
+    """Positions (J, 3) of the joints in the T-pose that stands on the ground; joints above the hips do not count."""
     parents = skeleton.parents
     local = turned.copy()
     local[1:] = quat.mul(quat.conjugate(turned[parents[1:]]), turned[1:])
     places = fk.forward(np.zeros((1, 3)), local[None], parents, skeleton.offsets)[1][0]
     tips = places[skeleton.tip_parents] + quat.rotate(turned[skeleton.tip_parents], skeleton.tip_offsets)
-    lowest = float(np.concatenate([places, tips])[:, 1].min())
-    return np.asarray(places - [0.0, lowest, 0.0])
+    body = [joint for joint in range(len(skeleton)) if hips in skeleton.chain(joint)]
+    lowest = float(np.concatenate([places[body], tips])[:, 1].min())
+    return np.asarray(places - [places[hips, 0], lowest, places[hips, 2]])
+
+
+def _places(motion: Motion, joint: int) -> F64:
+    """Positions (F, 3) of a joint."""
+    if joint == 0:
+        return motion.root
+    skeleton = motion.skeleton
+    return fk.forward(motion.root, motion.rotations, skeleton.parents, skeleton.offsets)[1][:, joint]
 
 
 def _between(motion: Motion, joints: list[int], above: list[int]) -> F64:

@@ -91,6 +91,14 @@ def test_export_writes_a_mapped_motion(tmp_path: Path, form: str) -> None:
         assert motion.skeleton.names == preset("vrm").skeleton.names
 
 
+def test_export_writes_a_vrm_animation_of_a_target_with_a_root_above_the_hips(tmp_path: Path) -> None:
+    call("export", "reach", *AT, "--map", "unreal", "-o", tmp_path / "out.vrma")
+    document = open_document(tmp_path / "out.vrma")
+    bones = document.table["extensions"]["VRMC_vrm_animation"]["humanoid"]["humanBones"]
+    assert document.rows("nodes")[bones["leftUpperArm"]["node"]]["name"] == "upperarm_l"
+    assert document.rows("nodes")[bones["hips"]["node"]]["name"] == "pelvis"
+
+
 def test_export_adds_the_motion_to_the_file_of_the_target(tmp_path: Path) -> None:
     (tmp_path / "hero.vrm").write_bytes(avatar(library.load("reach").skeleton, scale=1.2, limbs=0.9, turned=True))
     call("export", "reach", *AT, "--map", tmp_path / "hero.vrm", "-o", tmp_path / "out.glb")

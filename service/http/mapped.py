@@ -14,6 +14,7 @@ from service.http.request_models import Options
 from verbs.kernels import pose as kernels
 from verbs.mapping.mapper import Figures, Mapped, Mapper
 from verbs.mapping.mapping import of_preset
+from verbs.mapping.rig import Rig
 from verbs.runtime import describe
 from verbs.runtime.evaluate import Poses
 from verbs.skeleton import Skeleton
@@ -45,6 +46,8 @@ class Shown:
         The object ``map`` of the response.
     figures : list of Figures
         One for each pose; one for all frames of a motion.
+    rig : Rig
+        The target.
     """
 
     poses: Poses
@@ -53,6 +56,7 @@ class Shown:
     skeleton: Skeleton
     head: dict[str, Any]
     figures: Sequence[Figures]
+    rig: Rig
 
 
 def prepared(entry: Entry, options: Options) -> bool:
@@ -93,7 +97,8 @@ def mapped_poses(entry: Entry, found: Poses, options: Options, *, fps: float | N
     }  # fmt: skip
     shown = np.ascontiguousarray(rotations, np.float32)
     places = None if positions is None else np.ascontiguousarray(positions, np.float32)
-    return Shown(poses, shown, places, mapper.skeleton, head, _figures(entry, mapper, found, done, fps))
+    figures = _figures(entry, mapper, found, done, fps)
+    return Shown(poses, shown, places, mapper.skeleton, head, figures, mapper.mapping.rig)
 
 
 def _figures(entry: Entry, mapper: Mapper, found: Poses, done: Mapped, fps: float | None) -> Sequence[Figures]:

@@ -21,6 +21,7 @@ from service.http.response_models import PoseAnswer, PosesAnswer, SequenceAnswer
 from service.state import ServerState
 from verbs.errors import RequestError
 from verbs.io import motion_files
+from verbs.mapping.vrm import humanoid_of
 from verbs.runtime import sequence as sequences
 from verbs.skeleton import Skeleton
 
@@ -148,7 +149,10 @@ async def _motion_file(
     extras |= {"adverbs": content.adverbs} if content.adverbs is not None else {}
 
     def work() -> bytes:
-        return motion_files.dump(whole, FILES[form], mannequin=content.mannequin, name=name, extras=extras)
+        human = None if shown is None else humanoid_of(shown.rig)
+        return motion_files.dump(
+            whole, FILES[form], mannequin=content.mannequin, name=name, extras=extras, humanoid=human
+        )
 
     file = await state.pool.run(_FILE_US + 1.0 * whole.rotations.size, work)
     charset = "; charset=utf-8" if form.startswith("text/") else ""

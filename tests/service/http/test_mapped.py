@@ -87,6 +87,14 @@ async def test_a_motion_and_its_file_are_on_the_skeleton(client, tmp_path):
     np.testing.assert_allclose(motion.root, reply["root"], atol=1e-5)
 
 
+@pytest.mark.parametrize("name", PRESETS)
+async def test_a_vrm_animation_of_a_skeleton_has_its_bones(client, name):
+    headers = {"Accept": "application/x-vrma"}
+    file = await ask(client, route="sequence", adverbs=GOAL, fps=30, map=name, headers=headers)
+    assert b'"leftUpperArm":{"node":' in file.content
+    assert preset(name).skeleton.names[preset(name).roles.bones["leftUpperArm"]].encode() in file.content
+
+
 async def test_a_track_is_mapped_frame_by_frame(client):
     track = [{"time": 0, "adverbs": GOAL}, {"time": 1, "adverbs": GOAL | {"y": 1.0}}]
     reply = (await ask(client, route="sequence", track=track, fps=30, map="unreal")).json()

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["GoalOption", "MapOption", "figures_text", "map_command"]
 
-_TARGET = "vrm, unreal, mixamo, smpl, a mapping.toml, or a .glb, .vrm or .bvh file"
+_TARGET = "vrm, unreal, mixamo, smpl, a mapping.toml, or a .glb, .gltf, .vrm, .bvh or .npz file"
 MapOption = Annotated[str | None, typer.Option("--map", metavar="TARGET", help=f"Skeleton of the motion: {_TARGET}.")]
 GoalOption = Annotated[
     str | None, typer.Option("--goal", help="Goal of the effector: scaled with the body, or world. [default: scaled]")

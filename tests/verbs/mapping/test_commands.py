@@ -18,8 +18,8 @@ from verbs.io.gltf_accessors import Accessors
 from verbs.io.gltf_document import open_document
 from verbs.kernels import fk
 from verbs.mapping.mapping import open_mapping
-from verbs.mapping.presets import preset
-from verbs.mapping.reading import read_rig
+from verbs.mapping.presets import PRESETS, preset
+from verbs.mapping.reading import TARGETS, read_rig
 from verbs.motion import Motion
 
 AT = ("--at", "x=-0.3,y=1.2,z=0.4")
@@ -40,6 +40,13 @@ def test_map_prints_a_table_with_both_figures() -> None:
     found = call("map", "unreal", "--goals", 2).stdout
     for word in ("upperarm_l", "LeftArm", "spine_02", "effector to its scaled goal", "slide of standing feet"):
         assert word in found
+
+
+@pytest.mark.parametrize("command", ["map", "export"])
+def test_the_help_names_every_target(command: str) -> None:
+    text = call(command, "--help").stdout
+    for word in (*PRESETS, "mapping.toml", *TARGETS):
+        assert word in text
 
 
 def test_map_as_json_names_every_joint() -> None:

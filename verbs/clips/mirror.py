@@ -135,20 +135,10 @@ def _aligned(start: F64, own: F64, other: F64) -> F64:
     own = own / np.linalg.norm(own, axis=1, keepdims=True)
     other = other / np.linalg.norm(other, axis=1, keepdims=True)
     if np.linalg.matrix_rank(own, tol=1e-3) == 1:
-        return quat.mul(_arc(quat.rotate(start, own[0]), other[0]), start)
+        return quat.mul(quat.arc(quat.rotate(start, own[0]), other[0]), start)
     left, _, right = np.linalg.svd(other.T @ own)
     flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
     return _of_matrix(left @ flip @ right)
-
-
-def _arc(first: F64, last: F64) -> F64:
-    """The smallest rotation (4,) from one direction (3,) to another; about +Z, or +Y, where they are opposite."""
-    cosine = float(first @ last)
-    if cosine < -1.0 + 1e-9:
-        axis = np.array([0.0, 0.0, 1.0]) - first[2] * first
-        axis = axis if np.linalg.norm(axis) > 1e-3 else np.array([0.0, 1.0, 0.0]) - first[1] * first
-        return np.append(axis / np.linalg.norm(axis), 0.0)
-    return quat.normalize(np.append(np.cross(first, last), 1.0 + cosine))
 
 
 def _of_matrix(matrix: F64) -> F64:

@@ -115,7 +115,7 @@ def t_pose(skeleton: Skeleton, bones: dict[str, int], standing: F64 | None = Non
             result[joint] = result[parent]
         if joint in aims:
             child, direction = aims[joint]
-            result[joint] = _shortest(_span(skeleton, whole, joint, child), direction)
+            result[joint] = quat.arc(_span(skeleton, whole, joint, child), direction)
         elif joint in feet:
             toes = feet[joint]
             result[joint] = _facing(_span(skeleton, whole, joint, toes)) if toes >= 0 else _STILL
@@ -134,18 +134,6 @@ def _span(skeleton: Skeleton, whole: F64, joint: int, below: int) -> F64:
         total = total + quat.rotate(whole[parent], skeleton.offsets[below])
         below = parent
     return total
-
-
-def _shortest(vector: F64, direction: F64) -> F64:
-    """Smallest rotation (4,) from a vector to a unit direction; none for a vector without length."""
-    length = float(np.linalg.norm(vector))
-    if length < 1e-9:
-        return _STILL
-    cosine = float(vector @ direction) / length
-    if cosine < -1.0 + 1e-9:  # half a turn, about an axis across
-        axis = np.cross(direction, [0.0, 0.0, 1.0])
-        return np.append(axis / np.linalg.norm(axis), 0.0)
-    return quat.normalize(np.append(np.cross(vector / length, direction), 1.0 + cosine))
 
 
 def _facing(vector: F64) -> F64:

@@ -14,6 +14,7 @@ from verbs.conventions import F64, Floats
 
 __all__ = [
     "align",
+    "arc",
     "conjugate",
     "exp",
     "from_euler",
@@ -64,6 +65,24 @@ def rotate(rotations: Floats, vectors: Floats) -> F64:
     axis, scalar = rotations[..., :3], rotations[..., 3:]
     twice = 2.0 * np.cross(axis, vectors)
     return np.asarray(vectors + scalar * twice + np.cross(axis, twice))
+
+
+def arc(start: Floats, end: Floats) -> F64:
+    """Smallest rotation (4,) from the direction of a vector (3,) to that of another; none where one has no length.
+
+    Half a turn between opposite directions is about +Z, or +Y for vectors along Z.
+    """
+    start, end = np.asarray(start, np.float64), np.asarray(end, np.float64)
+    a, b = float(np.linalg.norm(start)), float(np.linalg.norm(end))
+    if a < 1e-9 or b < 1e-9:
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    start, end = start / a, end / b
+    cosine = float(start @ end)
+    if cosine < -1.0 + 1e-9:
+        axis = np.array([0.0, 0.0, 1.0]) - start[2] * start
+        axis = axis if np.linalg.norm(axis) > 1e-3 else np.array([0.0, 1.0, 0.0]) - start[1] * start
+        return np.append(axis / np.linalg.norm(axis), 0.0)
+    return normalize(np.append(np.cross(start, end), 1.0 + cosine))
 
 
 def exp(vectors: Floats) -> F64:

@@ -60,7 +60,7 @@ def alignment(source: Source, target: Rig, rows: list[Row]) -> F64:
             pair = _next_pair(source, target, rows, k, side, part)
             if pair is not None:
                 ahead = quat.rotate(turn, other[pair[1]] - other[row.target])
-                turn = quat.mul(_arc(ahead, own[pair[0]] - own[row.first]), turn)
+                turn = quat.mul(quat.arc(ahead, own[pair[0]] - own[row.first]), turn)
         turns[k] = turn
     return turns
 
@@ -97,7 +97,7 @@ def _foot_turn(source: Source, target: Rig, side: str, base: F64, up: F64) -> F6
     if all(name in bones and name in others for name in names):
         ahead = level(own[bones[names[1]]] - own[bones[names[0]]], up)
         behind = level(quat.rotate(base, other[others[names[1]]] - other[others[names[0]]]), up)
-        turn = quat.mul(_arc(behind, ahead), base)
+        turn = quat.mul(quat.arc(behind, ahead), base)
     if f"{side}Foot" in bones:
         turn = quat.mul(quat.conjugate(flat_pitch(source, bones[f"{side}Foot"], up)), turn)
     return turn
@@ -120,7 +120,7 @@ def flat_pitch(source: Source, ankle: int, up: F64) -> F64:
             continue
         rise = float(feet.levels[f, 1] - feet.levels[f, 0])
         wanted = flat / length * np.sqrt(max(size**2 - rise**2, 0.0)) + up * rise
-        turn = _arc(along, wanted)
+        turn = quat.arc(along, wanted)
         if 2.0 * float(np.arccos(min(abs(turn[3]), 1.0))) > PITCHED_RAD:
             return turn
     return STILL
@@ -129,18 +129,6 @@ def flat_pitch(source: Source, ankle: int, up: F64) -> F64:
 def level(vector: F64, up: F64) -> F64:
     """The part (3,) of a vector across the up."""
     return np.asarray(vector - up * float(vector @ up))
-
-
-def _arc(start: F64, end: F64) -> F64:
-    """Smallest rotation (4,) from one direction to another; none where one has no length."""
-    a, b = float(np.linalg.norm(start)), float(np.linalg.norm(end))
-    if a < 1e-9 or b < 1e-9:
-        return STILL
-    cosine = float(start @ end) / (a * b)
-    if cosine < -1.0 + 1e-9:
-        axis = np.cross(start, [0.0, 0.0, 1.0] if abs(start[2]) < 0.9 * a else [1.0, 0.0, 0.0])
-        return np.append(axis / np.linalg.norm(axis), 0.0)
-    return quat.normalize(np.append(np.cross(start, end) / (a * b), 1.0 + cosine))
 
 
 def up_of(rig: Rig) -> F64:

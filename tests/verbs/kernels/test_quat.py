@@ -162,3 +162,21 @@ def test_euler_angles_turn_in_the_order_of_their_channels_as_scipys_intrinsic_on
     result = quat.from_euler(order, angles)
     assert result.shape == (5, 40, 4)
     assert angle_between(result.reshape(-1, 4), expected.as_quat()) < 1e-14
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 50.0])
+def test_an_arc_is_the_smallest_rotation_between_directions(scale):
+    vectors = np.random.default_rng(2).normal(size=(40, 2, 3))
+    for start, end in vectors:
+        found = quat.arc(scale * start, end)
+        np.testing.assert_allclose(
+            quat.rotate(found, start) / np.linalg.norm(start), end / np.linalg.norm(end), atol=1e-12
+        )
+        assert abs(found[:3] @ start) < 1e-12
+        assert found[3] >= 0.0
+
+
+def test_an_arc_between_opposite_directions_is_half_a_turn_about_z():
+    np.testing.assert_allclose(np.abs(quat.arc([0, -2, 0], [0, 3, 0])), [0, 0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(np.abs(quat.arc([0, 0, 1], [0, 0, -1])), [0, 1, 0, 0], atol=1e-12)
+    np.testing.assert_array_equal(quat.arc([0, 0, 0], [0, 0, -1]), IDENTITY)

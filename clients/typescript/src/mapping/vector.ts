@@ -43,13 +43,16 @@ export function about(axis: V, angle: number): Q {
   return [s * axis[0], s * axis[1], s * axis[2], Math.cos(angle / 2)];
 }
 
-/** The smallest rotation from one direction to another; the identity where one has no length. */
+/** The smallest rotation from one direction to another; the identity where one has no length. Half a turn is about +Z. */
 export function arc(a: V, b: V): Q {
   const size = length(a) * length(b);
   if (size < 1e-12) return STILL;
   const [x, y, z] = cross(a, b);
   const w = size + dot(a, b);
-  if (w < 1e-9 * size) return normal(...cross(a, Math.abs(a[2]) < 0.9 * length(a) ? [0, 0, 1] : [1, 0, 0]), 0);
+  if (w < 1e-9 * size) {
+    const across = level([0, 0, 1], unit(a));
+    return normal(...(length(across) > 1e-3 ? across : level([0, 1, 0], unit(a))), 0);
+  }
   return normal(x, y, z, w);
 }
 

@@ -17,6 +17,7 @@ from verbs.contacts import PARTS, Contacts
 from verbs.conventions import F32, F64, I64
 from verbs.errors import UnknownName
 from verbs.kernels import quat
+from verbs.kernels.easing import smootherstep
 from verbs.runtime.evaluate import Evaluator
 from verbs.runtime.ground import from_ground
 from verbs.runtime.whole_motion import MIDDLE, RATE_HZ, examples, sampled_rotations
@@ -356,15 +357,9 @@ def ramps(seconds: F64, spans: F64, length_s: float, *, looping: bool) -> F32:
             return np.ones(len(seconds), np.float32)
         width = min(RAMP_S, end - begin)
         for shift in (-length_s, 0.0, length_s) if looping else (0.0,):
-            up = _smooth((seconds - begin - shift) / width + 0.5)
-            down = _smooth((end + shift - seconds) / width + 0.5)
+            up = smootherstep((seconds - begin - shift) / width + 0.5)
+            down = smootherstep((end + shift - seconds) / width + 0.5)
             at_start = not looping and begin <= 1e-9
             at_end = not looping and end >= length_s - 1e-9
             out += (1.0 if at_start else up) * (1.0 if at_end else down)
     return np.clip(out, 0.0, 1.0).astype(np.float32)
-
-
-def _smooth(u: F64) -> F64:
-    """Quintic from 0 to 1 over [0, 1], constant outside."""
-    u = np.clip(u, 0.0, 1.0)
-    return np.asarray(u * u * u * (10.0 + u * (6.0 * u - 15.0)))

@@ -13,6 +13,7 @@ from verbs.conventions import F64, I64
 from verbs.kernels import fk, quat
 from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
+from verbs.kernels.easing import smootherstep
 from verbs.mapping.names import Roles, roles_of
 from verbs.mapping.rig import STILL, Rig, choose_reference
 from verbs.motion import Motion
@@ -65,8 +66,7 @@ class Effector:
         if looping:
             gaps = gaps - np.round(gaps)
         span = np.where(gaps < 0.0, self.before, self.after)
-        u = np.clip(1.0 - np.abs(gaps) / np.maximum(span, 1e-9), 0.0, 1.0)
-        return np.asarray(u * u * u * (10.0 + u * (6.0 * u - 15.0)))
+        return smootherstep(1.0 - np.abs(gaps) / np.maximum(span, 1e-9))
 
 
 @dataclass(frozen=True, eq=False)

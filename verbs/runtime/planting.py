@@ -16,6 +16,7 @@ from verbs.kernels import measure as measures
 from verbs.kernels import pose as poses
 from verbs.kernels import quat
 from verbs.kernels.crowd_pose import blend_sorted, curves_of
+from verbs.kernels.easing import smootherstep
 from verbs.kernels.legs import Legs
 from verbs.kernels.stances import COLUMNS, I8, Plants
 from verbs.verb import Verb
@@ -353,7 +354,7 @@ def _followed(path: F64, held: F64, standing: Flags, step_s: float) -> F64:
         for edge, end in ((first, max(before, first - reach)), (last, min(after, last + reach))):
             steps = np.arange(1, abs(end - edge))
             rows = edge + np.sign(end - edge) * steps
-            fall = 1.0 - _smooth(steps / max(abs(end - edge), 1))
+            fall = 1.0 - smootherstep(steps / max(abs(end - edge), 1))
             out[rows] += fall[:, None] * (held[edge] - path[edge])
     return out
 
@@ -372,15 +373,9 @@ def _faded(grid: F64, spans: F64, length_s: float, after_s: float, *, looping: b
             last = np.inf if not looping and end >= 1.0 - 1e-9 else end + shift
             inside = np.minimum(grid - first, last - grid) * length_s
             outer = np.where(grid < first, OUTER_S, after_s)
-            rising, fading = 0.5 + 0.5 * _smooth(inside / INNER_S), 0.5 * (1.0 - _smooth(-inside / outer))
+            rising, fading = 0.5 + 0.5 * smootherstep(inside / INNER_S), 0.5 * (1.0 - smootherstep(-inside / outer))
             out = np.maximum(out, np.where(inside >= 0.0, rising, fading))
     return out
-
-
-def _smooth(u: F64) -> F64:
-    """Quintic from 0 to 1 over [0, 1], constant outside."""
-    u = np.clip(u, 0.0, 1.0)
-    return np.asarray(u * u * u * (10.0 + u * (6.0 * u - 15.0)))
 
 
 def _places(path: F64, standing: Flags, chosen: Flags) -> F64:

@@ -14,7 +14,7 @@ import numpy as np
 from verbs.conventions import F64
 from verbs.kernels.compile import kernel
 from verbs.kernels.legs import Legs
-from verbs.kernels.one_leg import STRAIGHTEST, bend_leg, find_leg, lengths, smooth, triple
+from verbs.kernels.one_leg import STRAIGHTEST, bend_leg, find_leg, lengths, smoothstep, triple
 from verbs.kernels.vectors import cross, dot, rotate
 
 __all__ = ["carry", "lines"]
@@ -82,8 +82,8 @@ def carry(root: Any, rotations: Any, legs: Legs, to: F64, away: F64, share: floa
     pose : (F, SCRATCH) float64
         Scratch.
     """
-    ended = smooth(share)
-    by_bend = 1.0 - smooth(share / BENT_SHARE)
+    ended = smoothstep(share)
+    by_bend = 1.0 - smoothstep(share / BENT_SHARE)
     for f in range(legs.chains.shape[0]):
         out = pose[f]
         offset = np.sqrt(away[f, 0] ** 2 + away[f, 1] ** 2 + away[f, 2] ** 2)
@@ -97,11 +97,11 @@ def carry(root: Any, rotations: Any, legs: Legs, to: F64, away: F64, share: floa
         size = max(np.sqrt(x * x + y * y + z * z), 1e-9)
         limit = _span(thigh, shin, first)
         kept = _kept(size, limit, max(STRAIGHTEST * (thigh + shin), limit))
-        full = smooth(offset / FULL_OFFSET_M)
+        full = smoothstep(offset / FULL_OFFSET_M)
         length = size + full * (kept - size)  # the motion itself may stretch a leg
         bend = -_kept(-to[f, 3] - away[f, 3], -first, max(-first, 0.0) + OVERSTRETCHED)
         bent = _span(thigh, shin, bend)
-        soft = full * NEAR_M * smooth(5.0 * share) * smooth(5.0 * (1.0 - share))
+        soft = full * NEAR_M * smoothstep(5.0 * share) * smoothstep(5.0 * (1.0 - share))
         shorter = 0.5 * (length + bent - np.sqrt((length - bent) ** 2 + soft * soft))
         length = shorter + by_bend * (bent - shorter)
         out[0], out[1] = 1.0, 1.0

@@ -26,7 +26,7 @@ from verbs.kernels.one_leg import (
     get,
     lengths,
     put,
-    smooth,
+    smoothstep,
     triple,
 )
 from verbs.kernels.soft_limits import above_zero, limited
@@ -273,7 +273,7 @@ def _level(out: F64) -> float:
     if steep <= 0.0 or room <= 0.0:
         return 0.0
     upright = (steep / now - 0.5) / 0.3  # of a leg that is far from upright only in part
-    return smooth(upright) * (np.sqrt(room) - steep)
+    return smoothstep(upright) * (np.sqrt(room) - steep)
 
 
 @kernel

@@ -11,7 +11,7 @@ import numpy as np
 
 from verbs.conventions import F64, I64
 from verbs.kernels.compile import kernel
-from verbs.kernels.one_leg import bend_leg, find_leg, get, smooth
+from verbs.kernels.one_leg import bend_leg, find_leg, get, smoothstep
 from verbs.kernels.polish import polish
 from verbs.kernels.soft_limits import above_zero, limited
 from verbs.kernels.vectors import arc, inverse, mul, rotate
@@ -289,7 +289,7 @@ def sink(positions: F64, driven: Driven, soles: Soles, goals: F64, places: F64) 
         room = limit * limit - flat
         lowest = np.sqrt(room) if room > 0.01 * limit * limit else 0.1 * limit
         need = above_zero(places[hip, 1] - goals[f, 1] - lowest - SINK_M, SINK_M)
-        near = 1.0 - smooth(max(driven.scale[1] * goals[f, 3], 0.0) / (NEAR * driven.leg))
+        near = 1.0 - smoothstep(max(driven.scale[1] * goals[f, 3], 0.0) / (NEAR * driven.leg))
         total += (near * need) ** 4
     return limited(np.sqrt(np.sqrt(total)), SINK * driven.leg)
 

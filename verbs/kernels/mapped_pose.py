@@ -48,7 +48,7 @@ from verbs.kernels.mapped_limbs import (
     stretch_of,
     within,
 )  # fmt: skip
-from verbs.kernels.one_leg import SCRATCH, get, smooth
+from verbs.kernels.one_leg import SCRATCH, get, smoothstep
 from verbs.kernels.soft_limits import above_zero
 from verbs.kernels.vectors import inverse, mul, rotate
 
@@ -156,7 +156,7 @@ def _aim_foot(
     chain, ball = soles.chains[reach.foot], goals[reach.foot]
     hip, knee, foot = chain[last - 4], chain[last - 3], chain[last - 2]
     now = carried(places, own, reach.joint, reach.offset)
-    free = smooth(max(driven.scale[1] * ball[3], 0.0) / (FREE * driven.leg))
+    free = smoothstep(max(driven.scale[1] * ball[3], 0.0) / (FREE * driven.leg))
     share = weight * (free + (1.0 - free) * weight**8)  # a foot that still stands stays
     ball[0] += share * (goal[0] - now[0] + places[foot, 0] - ball[0])
     ball[1] += share * (goal[1] - now[1] + places[foot, 1] - ball[1])

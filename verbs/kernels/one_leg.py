@@ -24,7 +24,7 @@ __all__ = [
     "get",
     "lengths",
     "put",
-    "smooth",
+    "smoothstep",
     "triple",
 ]
 
@@ -75,7 +75,7 @@ def triple(point: F64) -> Any:
 
 
 @kernel
-def smooth(value: float) -> float:
+def smoothstep(value: float) -> float:
     """From 0 to 1 as a value does, with slope 0 at both."""
     value = min(max(value, 0.0), 1.0)
     return value * value * (3.0 - 2.0 * value)
@@ -179,7 +179,7 @@ def bend_leg(rotations: Any, chain: I64, hinge: F64, pose: F64, shift: float, fr
     hip_q, knee_q = mul(aim, hip_q), mul(aim, knee_q)
     if cosine < 0.0:
         changed = abs(wanted_bend - bent) / (0.5 * bent + LITTLE_BENT)
-        share = smooth(pose[1] + changed) * smooth(-cosine)
+        share = smoothstep(pose[1] + changed) * smoothstep(-cosine)
         line = (wanted[0] / reach, wanted[1] / reach, wanted[2] / reach)
         spin = _spin(rotate(aim, ax, ay, az), rotate(hip_q, *triple(hinge)), line, share)
         thigh_to, shank_to = rotate(aim, *upper), rotate(aim, *lower)

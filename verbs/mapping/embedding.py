@@ -54,8 +54,8 @@ def embedded(rig: Rig, motion: Motion, *, name: str = "motion", extras: Table[st
     assert rig.path is not None
     document = open_document(rig.path)
     builder = GlbBuilder.of(*_in_one_buffer(document))
-    back = quat.conjugate(rig.turn)
-    root = quat.rotate(back, motion.root / rig.metres - rig.place) / rig.size
+    back = quat.conjugate(rig.root_rotation)
+    root = quat.rotate(back, motion.root / rig.metres - rig.root_position) / rig.root_scale
     rotations = motion.rotations.copy()
     rotations[:, 0] = quat.mul(back, rotations[:, 0])
     index = add_animation(builder, name, motion.fps, root, rotations, rig.nodes)

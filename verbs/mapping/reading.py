@@ -122,8 +122,8 @@ def _of_nodes(path: Path, root: str | None) -> Rig:
     )
     reference = choose_reference(skeleton, roles, poses)
     rig = Rig(
-        path.name, skeleton, rest, reference, origin, given=given, nodes=joints.nodes, path=path, place=place,
-        turn=turn, size=scale, notes=_texts(notes),
+        path.name, skeleton, rest, reference, origin, given=given, nodes=joints.nodes, path=path, root_position=place,
+        root_rotation=turn, root_scale=scale, notes=_texts(notes),
     )  # fmt: skip
     return _grounded(rig)
 

@@ -54,7 +54,7 @@ class Rig:
         Nodes of the joints in a glTF file.
     path : Path or None
         The file.
-    place, turn, size : (3,), (4,), (3,) float64
+    root_position, root_rotation, root_scale : (3,), (4,), (3,) float64
         Translation, rotation and scale of the nodes above the joints, in the unit of the file.
     metres : float
         Metres per unit.
@@ -73,9 +73,9 @@ class Rig:
     unit: str = "m"
     nodes: tuple[int, ...] = ()
     path: Path | None = None
-    place: F64 = field(default_factory=lambda: np.zeros(3))
-    turn: F64 = field(default_factory=lambda: STILL)
-    size: F64 = field(default_factory=lambda: np.ones(3))
+    root_position: F64 = field(default_factory=lambda: np.zeros(3))
+    root_rotation: F64 = field(default_factory=lambda: STILL)
+    root_scale: F64 = field(default_factory=lambda: np.ones(3))
     metres: float = 1.0
     notes: tuple[str, ...] = ()
 

@@ -73,7 +73,7 @@ export class Model {
     mapper.rows.forEach(({ target }, k) => {
       const node = this.nodes[target] as Object3D;
       const parent = node.parent as Object3D;
-      turn.fromArray(mapper.turns[k] as unknown as number[]);
+      turn.fromArray(mapper.rotations[k] as unknown as number[]);
       node.quaternion.copy(parent.getWorldQuaternion(above).invert().multiply(turn));
       if (k === 0) node.position.copy(parent.worldToLocal(new Vector3(...mapper.root)));
     });

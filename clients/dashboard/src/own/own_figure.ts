@@ -135,7 +135,7 @@ export class OwnFigure {
     const { mapper } = this.model ?? {};
     if (!mapper) return null;
     const goal = this.page.store.view.figureGoal === "scaled" ? mapper.scale : 1;
-    return { travel: mapper.scale, goal, effector: () => mapper.effectorPlace() };
+    return { travel: mapper.scale, goal, effector: () => mapper.effectorPosition() };
   }
 
   private show(picture: Picture | null): void {

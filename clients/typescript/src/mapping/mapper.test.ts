@@ -111,7 +111,7 @@ test.each(["hand_r", "lowerarm_r", "foot_l", "calf_l"])("a figure whose %s has n
   const mapper = new Mapper(given.verb as unknown as MappedVerb, joints);
   given.values.forEach((values, n) => {
     mapper.apply(values, given.phases[n] as number);
-    expect(mapper.turns.flat().every(Number.isFinite)).toBe(true);
+    expect(mapper.rotations.flat().every(Number.isFinite)).toBe(true);
     expect(mapper.root.every(Number.isFinite)).toBe(true);
   });
 });

@@ -45,17 +45,17 @@ const STANDS_M = 0.012;
 
 export class Mapper extends Prepared {
   readonly figures: MapFigures = { effector: null, feet: null };
-  /** Local rotations of the driven joints, as in `rows`, and the place of the first, metres. */
+  /** Local rotations of the driven joints, as in `rows`, and the position of the first, metres. */
   readonly local: Q[] = [];
   root: V = [0, 0, 0];
   /** Global rotations of the driven joints. */
-  readonly turns: Q[] = [];
+  readonly rotations: Q[] = [];
   private readonly turned: Q[] = [];
   private readonly placed: V[] = [];
   private readonly places: V[] = [];
 
   /**
-   * Map one pose, root x, y, z and local x, y, z, w per joint; results are in `local`, `turns`, `root` and `figures`.
+   * Map one pose, root x, y, z and local x, y, z, w per joint; results are in `local`, `rotations`, `root` and `figures`.
    *
    * @param phase null: the effector has no goal
    */
@@ -70,8 +70,8 @@ export class Mapper extends Prepared {
     this.measure(goals);
   }
 
-  /** Place of the effector in the last pose, metres; null without one. */
-  effectorPlace(): V | null {
+  /** Position of the effector in the last pose, metres; null without one. */
+  effectorPosition(): V | null {
     return this.effector && this.placed.length > 0 ? this.carried(this.effector) : null;
   }
 
@@ -100,17 +100,17 @@ export class Mapper extends Prepared {
       const turn = share > 0 ? between(this.since(first), this.since(second), share) : this.since(first);
       const q = multiply(turn, this.standing[k] as Q);
       const above = this.above[k] as number;
-      this.turns[k] = q;
-      this.local[k] = above >= 0 ? multiply(inverse(this.turns[above] as Q), q) : q;
+      this.rotations[k] = q;
+      this.local[k] = above >= 0 ? multiply(inverse(this.rotations[above] as Q), q) : q;
     });
   }
 
   private forward(): void {
     this.local.forEach((q, k) => {
       const above = this.above[k] as number;
-      this.turns[k] = above < 0 ? q : multiply(this.turns[above] as Q, q);
+      this.rotations[k] = above < 0 ? q : multiply(this.rotations[above] as Q, q);
       this.places[k] =
-        above < 0 ? this.root : add(this.places[above] as V, rotate(this.turns[above] as Q, this.offsets[k] as V));
+        above < 0 ? this.root : add(this.places[above] as V, rotate(this.rotations[above] as Q, this.offsets[k] as V));
     });
   }
 
@@ -119,7 +119,7 @@ export class Mapper extends Prepared {
     const first = this.rows[0]?.first ?? 0;
     const both = left !== undefined && right !== undefined && this.feet.length > 0;
     const point = both ? times(add(this.placed[left] as V, this.placed[right] as V), 0.5) : (this.placed[first] as V);
-    this.root = sub(times(point, this.scale), rotate(this.turns[0] as Q, this.middle));
+    this.root = sub(times(point, this.scale), rotate(this.rotations[0] as Q, this.middle));
   }
 
   private footGoal(foot: Foot): { ankle: V; ball: V; clearance: number } {
@@ -139,10 +139,10 @@ export class Mapper extends Prepared {
     const clearance = lowest(source, foot.known);
     const at = times(add(this.placed[ankle] as V, rotate(this.turned[ankle] as Q, foot.points[1])), this.scale);
     const ball: V = [at[0], at[1] - this.scale * foot.levels[1] + foot.ownLevels[1], at[2]];
-    const q = this.turns[mine] as Q;
+    const q = this.rotations[mine] as Q;
     const place = sub(ball, rotate(q, foot.own[1]));
     const tip = myToe >= 0 ? add(place, rotate(q, this.offsets[myToe] as V)) : place;
-    const tipQ = this.turns[myToe >= 0 ? myToe : mine] as Q;
+    const tipQ = this.rotations[myToe >= 0 ? myToe : mine] as Q;
     const rise = this.scale * clearance - lowest(heights(place, q, tip, tipQ, foot.own, foot.ownLevels), foot.known);
     return { ankle: add(place, [0, rise, 0]), ball: add(ball, [0, rise, 0]), clearance };
   }
@@ -151,7 +151,7 @@ export class Mapper extends Prepared {
   private reach(goals: { ankle: V; clearance: number }[], phase: number | null): void {
     const effector = this.effector;
     const weight = effector && phase !== null ? weightAt(effector, phase, this.verb.looping) : 0;
-    const ends = this.feet.map(({ chain }) => this.turns[chain[2]] as Q);
+    const ends = this.feet.map(({ chain }) => this.rotations[chain[2]] as Q);
     if (effector && weight > 0 && effector.foot >= 0) this.aimFoot(effector, weight, goals);
     const sunk = this.sink(goals);
     this.root = add(this.root, [0, -sunk, 0]);
@@ -161,7 +161,7 @@ export class Mapper extends Prepared {
     let hand = STILL;
     if (effector && arm && weight > 0) {
       const [upper, lower, end] = arm.chain;
-      hand = this.turns[end] as Q;
+      hand = this.rotations[end] as Q;
       const now = this.carried(effector);
       const aim = add(now, times(sub(this.goalOf(effector), now), weight));
       wrist = add(this.places[end] as V, sub(aim, now));
@@ -188,7 +188,7 @@ export class Mapper extends Prepared {
   }
 
   private carried({ driven, offset }: Effector): V {
-    return add(this.places[driven] as V, rotate(this.turns[driven] as Q, offset));
+    return add(this.places[driven] as V, rotate(this.rotations[driven] as Q, offset));
   }
 
   private span(a: number, b: number): number {
@@ -255,7 +255,7 @@ export class Mapper extends Prepared {
       left -= angle;
       const part = about([turn[0] / sine, turn[1] / sine, turn[2] / sine], angle / spine.length);
       for (const k of spine) {
-        const parent = this.turns[this.above[k] as number] as Q;
+        const parent = this.rotations[this.above[k] as number] as Q;
         this.local[k] = multiply(multiply(inverse(parent), part), multiply(parent, this.local[k] as Q));
       }
     }
@@ -296,7 +296,7 @@ export class Mapper extends Prepared {
       distance = free + give * (1 - Math.exp(-(distance - free) / give));
     }
     distance = Math.max(distance, 1.05 * Math.abs(first - second) + 1e-3);
-    const usual = rotate(this.turns[upper] as Q, hinge);
+    const usual = rotate(this.rotations[upper] as Q, hinge);
     const plane = times(cross(u, l), 1 / (first * second));
     const near = 0.1 * Math.max(1 - length(plane) / 0.5, 0) * (dot(plane, usual) < 0 ? -1 : 1);
     const axis = unit(add(plane, times(usual, near)));
@@ -304,9 +304,9 @@ export class Mapper extends Prepared {
     const cosine = (first ** 2 + second ** 2 - distance ** 2) / (2 * first * second);
     const turn = about(axis, Math.PI - Math.acos(Math.min(Math.max(cosine, -1), 1)) - bent);
     const aim = arc(add(u, rotate(turn, l)), line);
-    const top = multiply(aim, this.turns[upper] as Q);
-    const middle = multiply(aim, multiply(turn, this.turns[lower] as Q));
-    this.local[upper] = multiply(inverse(this.turns[this.above[upper] as number] as Q), top);
+    const top = multiply(aim, this.rotations[upper] as Q);
+    const middle = multiply(aim, multiply(turn, this.rotations[lower] as Q));
+    this.local[upper] = multiply(inverse(this.rotations[this.above[upper] as number] as Q), top);
     this.local[lower] = multiply(inverse(top), middle);
     this.local[end] = multiply(inverse(middle), hand);
     this.forward();
@@ -317,7 +317,7 @@ export class Mapper extends Prepared {
     this.feet.forEach(({ chain, own }, f) => {
       const { ball, clearance } = goals[f] as { ball: V; clearance: number };
       if (clearance > STANDS_M) return;
-      const place = add(this.places[chain[2]] as V, rotate(this.turns[chain[2]] as Q, own[1]));
+      const place = add(this.places[chain[2]] as V, rotate(this.rotations[chain[2]] as Q, own[1]));
       worst = Math.max(worst ?? 0, length(sub(place, ball)));
     });
     this.figures.feet = worst;

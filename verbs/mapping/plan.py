@@ -99,7 +99,7 @@ def explicit_joints(source: Rig, target: Rig, rows: list[Row]) -> dict[str, str]
     return {
         source.skeleton.names[row.first]: target.skeleton.names[row.target]
         for row in rows
-        if row.bone not in ("spine", "neck") and not _copied(source, row)
+        if row.given or (row.bone not in ("spine", "neck") and not _copied(source, row))
     }
 
 
@@ -170,4 +170,12 @@ def _apply_given(source: Rig, mapping: Mapping, rows: dict[int, Row]) -> None:
                 f"'{others[target]}' is the target of two joints, '{taken[target]}' and '{names[joint]}'; name it once"
             )
         taken[target] = names[joint]
-        rows[target] = Row(target, joint, joint, 0.0, bones.get(joint, ""), given=True)
+        bone = bones.get(joint) or _trunk_bone(source.roles, joint, mapping.rig.roles, target)
+        rows[target] = Row(target, joint, joint, 0.0, bone, given=True)
+
+
+def _trunk_bone(source: Roles, joint: int, target: Roles, other: int) -> str:
+    """``spine`` or ``neck`` where both joints of a pair are of it; else an empty text."""
+    if joint in source.spine and other in target.spine:
+        return "spine"
+    return "neck" if joint in source.neck and other in target.neck else ""

@@ -233,6 +233,18 @@ def test_pairs_make_a_humanoid_of_unknown_names(axis: tuple[float, float, float]
     np.testing.assert_allclose(positions(two)[:, joints], positions(one)[:, joints], atol=1e-6)
 
 
+def test_pairs_of_the_spine_keep_it_a_spine() -> None:
+    rig = preset("mixamo")
+    named = Mapper.of_verb(evaluator("reach"), Mapping(rig))
+    plain = {name.removeprefix("mixamorig:"): name for name in rig.skeleton.names}
+    pairs = {name: plain[name] for name in named.source.rig.skeleton.names}
+    paired = Mapper.of_verb(evaluator("reach"), Mapping(rig, pairs))
+    poses = blends("reach", 1)[0]
+    one, two = (mapper.sequence(evaluator("reach"), poses, FPS)[0] for mapper in (named, paired))
+    np.testing.assert_allclose(positions(two), positions(one), atol=1e-6)
+    assert explicit_joints(paired.source.rig, rig, paired.tables.rows) == pairs
+
+
 @pytest.mark.parametrize("bone", ["rightHand", "rightLowerArm", "leftFoot", "leftLowerLeg"])
 @pytest.mark.parametrize("name", ["reach", "kick"])
 def test_a_bone_without_length_is_no_limb_that_bends(name: str, bone: str) -> None:

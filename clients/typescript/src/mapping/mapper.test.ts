@@ -103,6 +103,13 @@ test.each([
   });
 });
 
+test("pairs of the spine keep it a spine", () => {
+  const [given] = POSES as [Case];
+  const verb = given.verb as unknown as MappedVerb;
+  const mapper = new Mapper(verb, jointsOf(given), { joints: { Spine: "spine_01", Neck: "neck_01" } });
+  expect(mapper.rows.filter((row) => row.given).map((row) => row.bone)).toEqual(["spine", "neck"]);
+});
+
 test.each(["hand_r", "lowerarm_r", "foot_l", "calf_l"])("a figure whose %s has no length has finite poses", (bone) => {
   const [given] = POSES as [Case];
   const joints = jointsOf(given).map((joint) =>

@@ -167,9 +167,15 @@ export function plan(source: Standing, target: Standing, joints: Readonly<Record
       if (nearer === joint && (alone || at === "")) rows.delete(row.target);
     }
     const found = target.names.indexOf(at);
-    if (found >= 0) put(found, joint, bones.get(joint) ?? "", true);
+    if (found >= 0) put(found, joint, bones.get(joint) ?? trunkBone(own, joint, other, found), true);
   }
   return [...rows.values()].sort((a, b) => a.target - b.target);
+}
+
+/** `spine` or `neck` where both joints of a pair are of it. */
+function trunkBone(own: Roles, joint: number, other: Roles, at: number): string {
+  if (own.spine.includes(joint) && other.spine.includes(at)) return "spine";
+  return own.neck.includes(joint) && other.neck.includes(at) ? "neck" : "";
 }
 
 function trunk(own: Roles, other: Roles): Row[] {

@@ -33,7 +33,7 @@ from verbs.kernels.foot_modes import (
 )
 from verbs.kernels.foot_state import LEAVE, STANCE, STAY, STEP, SWING, load_place, store_place
 from verbs.kernels.legs import CONTACTS, GIVE, GROUNDS, PELVIS
-from verbs.kernels.stances import LONG_S, PLACE, Plants, command, contact_at, smooth
+from verbs.kernels.stances import LONG_S, PLACE, Plants, command, contact_at, smootherstep
 from verbs.kernels.timewarp import Clock
 
 __all__ = ["hold", "hold_feet", "hold_track", "release"]
@@ -101,7 +101,7 @@ def hold_feet(
         else:
             held = swing(foot, row, plants, weights, f, x, origin, step, place, found)
         commands[1, f] = commands[0, f]
-        fade = smooth(foot["fade"])
+        fade = smootherstep(foot["fade"])
         command(plants, weights, f, x, held, fade, row["y"] + rise, place, commands[0, f])
         commands[0, f, GIVE] = giving(foot, steps, row["transition_s"] > 0.0, step.step_s)
         if fade < 1.0:

@@ -36,7 +36,7 @@ from verbs.kernels.stances import (
     path_at,
     place_at,
     shift,
-    smooth,
+    smootherstep,
     stance,
 )
 
@@ -152,7 +152,7 @@ def appear(foot: Any, row: Any, plants: Plants, weights: F64, f: int, rate: floa
         store_place(foot, place)
     if not np.isnan(after):
         left = (after - x) / count * rate
-        foot["near"] = 1.0 - smooth(left / max(min(RELEASE_S, foot["since_s"] + left), 1e-6))
+        foot["near"] = 1.0 - smootherstep(left / max(min(RELEASE_S, foot["since_s"] + left), 1e-6))
 
 
 @kernel
@@ -242,10 +242,10 @@ def swing(
         load_place(foot, found[0])
         go_along(found[2], found[3], found[0])
         store_place(foot, found[0])
-        leaving = 1.0 - smooth(foot["since_s"] / max(gap, _needed_s(found[0], found[2])))
+        leaving = 1.0 - smootherstep(foot["since_s"] / max(gap, _needed_s(found[0], found[2])))
     load_next(foot, found[1])
     fastest = FASTEST * step.moved_s / max(gap, leaving * _needed_s(found[0], found[1]))
-    coming = smooth(foot["fade"]) * (1.0 - smooth(left / gap)) if left < RELEASE_S else 0.0
+    coming = smootherstep(foot["fade"]) * (1.0 - smootherstep(left / gap)) if left < RELEASE_S else 0.0
     coming = min(max(coming, foot["near"] - fastest), foot["near"] + fastest)
     foot["near"] = coming
     if coming <= 0.0:
@@ -293,7 +293,7 @@ def step_on(foot: Any, step_s: float, place: F64, found: F64) -> tuple[float, fl
     """Move a foot along its step; return the share to which it is held at ``place`` (5,), and how high it is."""
     foot["since_s"] += step_s
     u = min(max(foot["since_s"] / foot["length_s"], 0.0), 1.0)
-    share = smooth(u)
+    share = smootherstep(u)
     load_place(foot, found[0])
     load_next(foot, found[1])
     between(found[0], found[1], share, place)
@@ -314,10 +314,10 @@ def giving(foot: Any, steps: bool, passes: bool, step_s: float) -> float:
     at = foot["give"]
     if at < 1.0:
         foot["give"] = min(at + step_s / GIVES_S, 1.0)
-        return (REACH_M + GIVE_M) * smooth(foot["give"])
+        return (REACH_M + GIVE_M) * smootherstep(foot["give"])
     more = steps or (passes and at == 1.0)
     foot["give"] = max(at - step_s / GIVES_S, 1.0) if more else min(at + step_s / GIVEN_S, 2.0)
-    return REACH_M + GIVE_M * (1.0 - smooth(foot["give"] - 1.0))
+    return REACH_M + GIVE_M * (1.0 - smootherstep(foot["give"] - 1.0))
 
 
 @kernel

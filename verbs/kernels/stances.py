@@ -21,7 +21,7 @@ from verbs.kernels.pose import stride_to
 
 __all__ = [
     "COLUMNS", "I8", "LONG_S", "PLACE", "RELEASE_S", "Plants", "between", "command", "contact_at", "crossing",
-    "go_along", "move_place", "path_at", "place_at", "plan", "rotate_place", "shift", "smooth", "stance",
+    "go_along", "move_place", "path_at", "place_at", "plan", "rotate_place", "shift", "smootherstep", "stance",
 ]  # fmt: skip
 
 I8 = npt.NDArray[np.int8]
@@ -81,7 +81,7 @@ class Plants(NamedTuple):
 
 
 @kernel
-def smooth(u: float) -> float:
+def smootherstep(u: float) -> float:
     """Quintic from 0 to 1 over [0, 1], constant outside."""
     u = min(max(u, 0.0), 1.0)
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
@@ -258,7 +258,7 @@ def _quiet(plants: Plants, x: float, width: float) -> float:
     away = x / (plants.contact.shape[1] - 1) - plants.quiet[0]
     if plants.looping:
         away -= np.round(away)
-    return 1.0 - smooth(abs(away) / width)
+    return 1.0 - smootherstep(abs(away) / width)
 
 
 @kernel
@@ -278,9 +278,9 @@ def command(
     ground = row[_GROUND] + y
     out[15], out[16], out[17] = ground + heel, ground, ground + tip
     for a in range(3):
-        out[9 + a] = smooth(2.0 * row[a]) * free * fade
+        out[9 + a] = smootherstep(2.0 * row[a]) * free * fade
         out[12 + a] = row[_HEIGHTS + a] + y
-        out[18 + a] = smooth(2.0 * row[_PULLS + a] - 0.5) * (1.0 if a == 1 else fade)
+        out[18 + a] = smootherstep(2.0 * row[_PULLS + a] - 0.5) * (1.0 if a == 1 else fade)
     out[PELVIS], out[GIVE] = 1.0 - _quiet(plants, x, plants.quiet[1]), REACH_M
 
 
@@ -316,7 +316,7 @@ def _look(plants: Plants, weights: F64, f: int, x: float, rate: float, place: F6
         place_at(plants, weights, f, x, x, place)
         return 0.0
     gap = max(min(RELEASE_S, since + left), 1e-6)
-    leaving, coming = 1.0 - smooth(since / gap), 1.0 - smooth(left / gap)
+    leaving, coming = 1.0 - smootherstep(since / gap), 1.0 - smootherstep(left / gap)
     path_at(plants, weights, f, x, x, found[2])
     if since < RELEASE_S:
         stance(plants, weights, f, before - 1e-6, found[0])

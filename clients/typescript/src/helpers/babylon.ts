@@ -5,7 +5,7 @@
  * kinds.
  */
 
-import { type BoneWriter, type JointMap, type PoseValues, Retarget, type TargetBone } from "./retarget.js";
+import { Bindings, type BoneNode, type BoneWriter, type JointMap, type PoseValues, type Rest } from "./retarget.js";
 
 export type { JointMap, PoseValues } from "./retarget.js";
 
@@ -32,25 +32,16 @@ export interface BabylonNode {
 export type BabylonTarget = BabylonNode | { bones: readonly { getTransformNode(): unknown }[] };
 
 const ROOT = "__root__";
-const targets = new WeakMap<
-  object,
-  { skeleton: object; map: object | undefined; nodes: BabylonNode[]; retarget: Retarget }
->();
+const bindings = new Bindings(bonesOf, restOf);
 
 /**
- * Write a pose to a skeleton. At the first call the target is in its rest pose.
+ * Write a pose to a skeleton. At the first call the target is in its rest pose, which is kept for other maps and verbs.
  *
  * @param jointMap names of nodes by the verb's joints; equal names need no entry
  */
 export function applyPose(target: BabylonTarget, pose: PoseValues, jointMap?: JointMap): void {
-  let bound = targets.get(target);
-  if (!bound || bound.map !== jointMap || bound.skeleton !== pose.skeleton) {
-    const nodes = nodesOf(target);
-    const bones = nodes.map((node) => boneOf(node, nodes));
-    bound = { skeleton: pose.skeleton, map: jointMap, nodes, retarget: new Retarget(pose.skeleton, bones, jointMap) };
-    targets.set(target, bound);
-  }
-  bound.retarget.apply(pose.values, writerOf(bound.nodes));
+  const { nodes, retarget } = bindings.of(target, pose.skeleton, jointMap);
+  retarget.apply(pose.values, writerOf(nodes));
 }
 
 function writerOf(nodes: readonly BabylonNode[]): BoneWriter {
@@ -86,14 +77,13 @@ function isNode(value: unknown): value is BabylonNode {
   return typeof value === "object" && value !== null && "position" in value && "scaling" in value;
 }
 
-function boneOf(node: BabylonNode, nodes: readonly BabylonNode[]): TargetBone {
+function bonesOf(target: BabylonTarget): BoneNode<BabylonNode>[] {
+  const nodes = nodesOf(target);
+  return nodes.map((node) => ({ node, name: node.name, parent: nodes.indexOf(node.parent as BabylonNode) }));
+}
+
+function restOf(node: BabylonNode): Rest {
   const { x, y, z, w } = node.rotationQuaternion ?? node.rotation.toQuaternion();
   const { position: p } = node;
-  return {
-    name: node.name,
-    parent: nodes.indexOf(node.parent as BabylonNode),
-    rotation: [x, y, z, w],
-    position: [p.x, p.y, p.z],
-    scale: node.scaling.x,
-  };
+  return { rotation: [x, y, z, w], position: [p.x, p.y, p.z], scale: node.scaling.x };
 }

@@ -157,6 +157,66 @@ export class Retarget {
   }
 }
 
+/** A node of an engine that is a bone, and the index of its parent among the bones; -1: none. */
+export interface BoneNode<Node> {
+  node: Node;
+  name: string;
+  parent: number;
+}
+
+/** Rest pose of a node relative to its parent. */
+export type Rest = Pick<TargetBone, "rotation" | "position" | "scale">;
+
+interface Bound<Node> {
+  skeleton: Skeleton;
+  map: JointMap;
+  nodes: readonly Node[];
+  retarget: Retarget;
+}
+
+/** Targets by identity. A node keeps the rest pose of its first call: other joints or another map do not read it again. */
+export class Bindings<Target extends object, Node extends object> {
+  private readonly bound = new WeakMap<Target, Bound<Node>>();
+  private readonly rests = new WeakMap<Node, Rest>();
+
+  /** @param bonesOf bones of a target, parents before children */
+  constructor(
+    private readonly bonesOf: (target: Target, skeleton: Skeleton, map: JointMap) => readonly BoneNode<Node>[],
+    private readonly restOf: (node: Node, target: Target) => Rest,
+  ) {}
+
+  of(target: Target, skeleton: Skeleton, map: JointMap = {}): Readonly<Bound<Node>> {
+    const known = this.bound.get(target);
+    if (known && sameMap(known.map, map) && sameSkeleton(known.skeleton, skeleton)) {
+      known.skeleton = skeleton;
+      return known;
+    }
+    const rows = this.bonesOf(target, skeleton, map);
+    const bones = rows.map(({ node, name, parent }) => ({ name, parent, ...this.rest(node, target) }));
+    const nodes = rows.map(({ node }) => node);
+    const made = { skeleton, map: { ...map }, nodes, retarget: new Retarget(skeleton, bones, map) };
+    this.bound.set(target, made);
+    return made;
+  }
+
+  private rest(node: Node, target: Target): Rest {
+    const rest = this.rests.get(node) ?? this.restOf(node, target);
+    this.rests.set(node, rest);
+    return rest;
+  }
+}
+
+function sameMap(a: JointMap, b: JointMap): boolean {
+  const names = Object.keys(b);
+  return names.length === Object.keys(a).length && names.every((name) => a[name] === b[name]);
+}
+
+function sameSkeleton(a: Skeleton, b: Skeleton): boolean {
+  if (a === b) return true;
+  const keys = [a, b].map(({ names, parents, offsets }) => JSON.stringify([names, parents, offsets]));
+  return keys[0] === keys[1];
+}
+
 /** Joint of each bone, by the map or by equal names without prefix and case. */
 function matched(names: readonly string[], bones: readonly TargetBone[], map: JointMap): Int32Array {
   const joints = new Map<string, number>();

@@ -1,6 +1,6 @@
 /** Poses on skeletons of three.js. Nothing of three.js is imported. */
 
-import { type BoneWriter, type JointMap, type PoseValues, Retarget, type TargetBone } from "./retarget.js";
+import { Bindings, type BoneNode, type BoneWriter, type JointMap, type PoseValues, type Rest } from "./retarget.js";
 
 export type { JointMap, PoseValues } from "./retarget.js";
 
@@ -19,49 +19,47 @@ export type ThreeTarget = { skeleton: { bones: readonly Node3D[] } } | { bones: 
 
 /** A target in its rest pose, bound to the skeleton of a verb. */
 export class Binding {
-  private readonly nodes: readonly Node3D[];
-  private readonly retarget: Retarget;
+  private readonly bound;
   private readonly writer: BoneWriter;
 
   /** @param map names of bones by joints; equal names need no entry, `mixamorig:` and the case do not matter */
   constructor(target: ThreeTarget, skeleton: PoseValues["skeleton"], map: JointMap = {}) {
-    this.nodes = nodesOf(target);
-    const bones = this.nodes.map((node) => boneOf(node, this.nodes));
-    this.retarget = new Retarget(skeleton, bones, map);
-    this.writer = {
-      rotation: (bone, x, y, z, w) => void this.nodes[bone]?.quaternion.set(x, y, z, w),
-      position: (bone, x, y, z) => void this.nodes[bone]?.position.set(x, y, z),
-    };
+    this.bound = new Bindings(bonesOf, restOf).of(target, skeleton, map);
+    this.writer = writerOf(this.bound.nodes);
   }
 
   /** Number of bones that have a joint. */
   get mapped(): number {
-    return this.retarget.mapped;
+    return this.bound.retarget.mapped;
   }
 
   apply(pose: PoseValues): void {
-    this.retarget.apply(pose.values, this.writer);
+    this.bound.retarget.apply(pose.values, this.writer);
   }
 }
 
-const bindings = new WeakMap<object, { skeleton: object; map: object | undefined; binding: Binding }>();
+const bindings = new Bindings(bonesOf, restOf);
 
 /**
- * Write a pose to a skeleton. At the first call the target is in its rest pose; another map or verb binds it again.
+ * Write a pose to a skeleton. At the first call the target is in its rest pose, which is kept for other maps and verbs.
  *
  * @param jointMap names of bones by the verb's joints; equal names need no entry
  */
 export function applyPose(target: ThreeTarget, pose: PoseValues, jointMap?: JointMap): void {
-  let known = bindings.get(target);
-  if (!known || known.map !== jointMap || !sameJoints(known.skeleton, pose.skeleton)) {
-    known = { skeleton: pose.skeleton, map: jointMap, binding: new Binding(target, pose.skeleton, jointMap) };
-    bindings.set(target, known);
-  }
-  known.binding.apply(pose);
+  const { nodes, retarget } = bindings.of(target, pose.skeleton, jointMap);
+  retarget.apply(pose.values, writerOf(nodes));
 }
 
-function sameJoints(a: object, b: PoseValues["skeleton"]): boolean {
-  return a === b || (a as PoseValues["skeleton"]).names.join("\n") === b.names.join("\n");
+function writerOf(nodes: readonly Node3D[]): BoneWriter {
+  return {
+    rotation: (bone, x, y, z, w) => void nodes[bone]?.quaternion.set(x, y, z, w),
+    position: (bone, x, y, z) => void nodes[bone]?.position.set(x, y, z),
+  };
+}
+
+function bonesOf(target: ThreeTarget): BoneNode<Node3D>[] {
+  const nodes = nodesOf(target);
+  return nodes.map((node) => ({ node, name: node.name, parent: node.parent ? nodes.indexOf(node.parent) : -1 }));
 }
 
 /** All nodes from the outermost object on, parents before children. */
@@ -82,12 +80,6 @@ function ancestors(node: Node3D): Node3D[] {
   return node.parent ? [...ancestors(node.parent), node] : [];
 }
 
-function boneOf({ name, parent, quaternion: q, position: p, scale }: Node3D, nodes: readonly Node3D[]): TargetBone {
-  return {
-    name,
-    parent: parent ? nodes.indexOf(parent) : -1,
-    rotation: [q.x, q.y, q.z, q.w],
-    position: [p.x, p.y, p.z],
-    scale: scale.x,
-  };
+function restOf({ quaternion: q, position: p, scale }: Node3D): Rest {
+  return { rotation: [q.x, q.y, q.z, q.w], position: [p.x, p.y, p.z], scale: scale.x };
 }

@@ -1,6 +1,6 @@
 /** Poses on avatars of @pixiv/three-vrm. Nothing of it is imported. */
 
-import { type JointMap, type PoseValues, Retarget, type TargetBone } from "./retarget.js";
+import { Bindings, type BoneNode, type JointMap, type PoseValues, type Rest } from "./retarget.js";
 import type { Node3D } from "./three.js";
 
 /** The part of three-vrm's `VRM` that is used. */
@@ -38,49 +38,45 @@ function sides(names: Record<string, string>): Record<string, string> {
   );
 }
 
-interface Bound {
-  skeleton: PoseValues["skeleton"];
-  map: JointMap;
-  nodes: Node3D[];
-  retarget: Retarget;
-}
-
-const avatars = new WeakMap<VrmAvatar, Bound>();
+const bindings = new Bindings(bonesOf, restOf);
 
 /**
- * Write a pose to the normalized bones of an avatar; `vrm.update` moves the mesh.
+ * Write a pose to the normalized bones of an avatar, which `vrm.update` transfers to the mesh. At the first call the
+ * bones are in their rest pose, which is kept for other maps and verbs.
  *
  * @param map names of VRM bones by the verb's joints
  */
 export function applyPose(vrm: VrmAvatar, pose: PoseValues, map: JointMap = VRM_BONES): void {
-  let bound = avatars.get(vrm);
-  if (!bound || bound.map !== map || bound.skeleton !== pose.skeleton) {
-    bound = bind(vrm, pose.skeleton, map);
-    avatars.set(vrm, bound);
-  }
-  const { nodes, retarget } = bound;
-  const sign = vrm.meta?.metaVersion === "0" ? -1 : 1; // avatars of VRM 0 face −Z: turned by half a turn about +Y
+  const { nodes, retarget } = bindings.of(vrm, pose.skeleton, map);
+  const sign = signOf(vrm);
   retarget.apply(pose.values, {
     rotation: (bone, x, y, z, w) => void nodes[bone]?.quaternion.set(sign * x, y, sign * z, w),
     position: (bone, x, y, z) => void nodes[bone]?.position.set(sign * x, y, sign * z),
   });
 }
 
-function bind(vrm: VrmAvatar, skeleton: PoseValues["skeleton"], map: JointMap): Bound {
-  const sign = vrm.meta?.metaVersion === "0" ? -1 : 1;
-  const nodes: Node3D[] = [];
-  const bones: TargetBone[] = [];
+/** Avatars of VRM 0 face −Z: they are turned by half a turn about +Y. */
+function signOf(vrm: VrmAvatar): number {
+  return vrm.meta?.metaVersion === "0" ? -1 : 1;
+}
+
+/** Bones of the joints; bones in between that the avatar does not have are left out. */
+function bonesOf(vrm: VrmAvatar, skeleton: PoseValues["skeleton"], map: JointMap): BoneNode<Node3D>[] {
+  const bones: BoneNode<Node3D>[] = [];
   for (const joint of skeleton.names) {
     const name = map[joint];
     const node = name ? vrm.humanoid.getNormalizedBoneNode(name as never) : null;
     if (!name || !node) continue;
-    const { position: p } = node;
-    // normalized bones have no rest rotation; bones in between that the avatar does not have are left out
-    const parent = nearest(node, nodes);
-    bones.push({ name, parent, rotation: [0, 0, 0, 1], position: [sign * p.x, p.y, sign * p.z], scale: 1 });
-    nodes.push(node);
+    const nodes = bones.map((bone) => bone.node);
+    bones.push({ node, name, parent: nearest(node, nodes) });
   }
-  return { skeleton, map, nodes, retarget: new Retarget(skeleton, bones, map) };
+  return bones;
+}
+
+/** Normalized bones have no rest rotation. */
+function restOf({ position: p }: Node3D, vrm: VrmAvatar): Rest {
+  const sign = signOf(vrm);
+  return { rotation: [0, 0, 0, 1], position: [sign * p.x, p.y, sign * p.z], scale: 1 };
 }
 
 /** Index of the nearest node above a node. */

@@ -24,7 +24,7 @@ export class Evaluators {
     private readonly onLoaded: () => void = () => {},
   ) {}
 
-  /** A version, or null while it is downloaded; ask again. */
+  /** A version, or null while it is downloaded; call again. */
   of(verb: string, version: number): Evaluator | null {
     const key = `${verb}\n${version}`;
     const entry = this.entries.get(key);
@@ -53,8 +53,8 @@ export class Evaluators {
           this.onLoaded();
         },
         (err: unknown) => {
-          if (!(err instanceof AdverbError)) throw err;
-          [entry.failed, entry.againMs] = [err, performance.now() + AGAIN_MS];
+          entry.failed = err instanceof AdverbError ? err : new AdverbError("unknown", String(err), { cause: err });
+          entry.againMs = performance.now() + AGAIN_MS;
         },
       );
   }

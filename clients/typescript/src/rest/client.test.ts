@@ -1,7 +1,8 @@
-import { createServer, type IncomingMessage, type Server } from "node:http";
+import { createServer, type IncomingMessage, type Server, type ServerResponse } from "node:http";
 import type { AddressInfo } from "node:net";
-import { afterAll, beforeAll, expect, test } from "vitest";
-import { type AdverbError, UnknownName } from "../errors.js";
+import { afterAll, beforeAll, expect, test, vi } from "vitest";
+import { type AdverbError, DecodeError, TransportError, UnknownName } from "../errors.js";
+import { Evaluators } from "../evaluator/evaluators.js";
 import { Client } from "./client.js";
 
 const ROUTES: Record<string, { status: number; type: string; body: string }> = {
@@ -19,6 +20,7 @@ const ROUTES: Record<string, { status: number; type: string; body: string }> = {
   "GET /metrics": { status: 502, type: "text/html", body: "<html>bad gateway" },
   "GET /v1/refinements?verb=reach&limit=5": { status: 200, type: "application/json", body: '{"refinements": []}' },
   "POST /v1/verbs/reach/sequence": { status: 200, type: "model/gltf-binary", body: "glTF" },
+  "GET /v1/verbs/page": { status: 200, type: "text/html", body: "<html>login" },
   "DELETE /v1/verbs/reach": { status: 204, type: "", body: "" },
 };
 let server: Server;
@@ -27,12 +29,19 @@ let base: string;
 beforeAll(async () => {
   server = createServer((request: IncomingMessage, response) => {
     const route = ROUTES[`${request.method} ${request.url}`];
+    if (request.url?.includes("/cut")) return cut(response, request.url.includes("refused") ? 404 : 200);
     response.writeHead(route?.status ?? 500, { "Content-Type": route?.type ?? "text/plain" }).end(route?.body);
   });
   await new Promise<void>((done) => server.listen(0, "127.0.0.1", done));
   base = `http://127.0.0.1:${(server.address() as AddressInfo).port}`;
 });
 afterAll(() => void server.close());
+
+/** A response whose connection breaks before its end. */
+function cut(response: ServerResponse, status: number): void {
+  response.writeHead(status, { "Content-Length": 1000 });
+  response.write("{", () => response.destroy());
+}
 
 const failure = (promise: Promise<unknown>) => promise.catch((err: unknown) => err as AdverbError);
 
@@ -67,4 +76,20 @@ test("a motion is requested as a file of a media type", async () => {
   const file = await new Client(base).sequence("reach", { adverbs: { x: 1 } }, undefined, "model/gltf-binary");
   expect(new TextDecoder().decode(file)).toBe("glTF");
   expect(await accept).toBe("model/gltf-binary");
+});
+
+test("a response that is cut is a TransportError, one that is not JSON a DecodeError", async () => {
+  const rest = new Client(base);
+  for (const broken of [rest.verb("cut"), rest.verb("cut_refused"), rest.verbFile("cut"), rest.download("/cut")])
+    expect(await failure(broken)).toBeInstanceOf(TransportError);
+  expect(await failure(rest.verb("page"))).toBeInstanceOf(DecodeError);
+});
+
+test.each([
+  ["that is cut", "offline", () => new Client(base).verbFile("cut")],
+  ["with another error", "unknown", () => Promise.reject(new TypeError("terminated"))],
+])("a download %s is a failure of its version", async (_, code, verbFile) => {
+  const evaluators = new Evaluators({ verbFile });
+  expect(evaluators.of("cut", 1)).toBeNull();
+  await vi.waitFor(() => expect(evaluators.failure("cut", 1)).toMatchObject({ code }));
 });

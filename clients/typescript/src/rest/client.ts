@@ -19,7 +19,7 @@ import type {
   Versions,
 } from "../schema.js";
 import { follow } from "./events.js";
-import { ifMatch, jsonBody, request, retryMs, type Send } from "./request.js";
+import { ifMatch, jsonBody, readBody, request, retryMs, type Send } from "./request.js";
 import type { Answer, CallOptions, Method, PathOf } from "./routes.js";
 
 const ENDED = new Set(["published", "not_better", "failed", "cancelled", "given_up"]);
@@ -64,18 +64,18 @@ export class Client {
     path: P,
     options: CallOptions<M, P> = {},
   ): Promise<Answer<M, P>> {
-    const response = await this.send(this.addressOf(path, options), initOf(method, options));
-    return (response.status === 204 ? undefined : await response.json()) as Answer<M, P>;
+    const read = (response: Response) => (response.status === 204 ? Promise.resolve() : response.json());
+    return (await this.read(this.addressOf(path, options), initOf(method, options), read)) as Answer<M, P>;
   }
 
   /** JSON of any other path below the server. */
   async json<T>(path: string, init?: RequestInit): Promise<T> {
-    return (await this.send(this.base + path, init)).json() as Promise<T>;
+    return (await this.read(this.base + path, init, (response) => response.json())) as T;
   }
 
   /** Content of a path below the server, such as an artifact. */
-  async download(path: string, signal?: AbortSignal): Promise<Blob> {
-    return (await this.send(this.base + path, withSignal(signal))).blob();
+  download(path: string, signal?: AbortSignal): Promise<Blob> {
+    return this.read(this.base + path, withSignal(signal), (response) => response.blob());
   }
 
   async verbs(signal?: AbortSignal): Promise<VerbSummary[]> {
@@ -97,7 +97,7 @@ export class Client {
   }
 
   /** Whole motion as binary records (`Sequence` reads them), glTF, VRM animation, BVH or npz; of any stored version. */
-  async sequence(
+  sequence(
     verb: string,
     body: SequenceRequest,
     signal?: AbortSignal,
@@ -105,7 +105,7 @@ export class Client {
   ): Promise<ArrayBuffer> {
     const options = { path: { verb }, body, headers: { Accept: accept }, signal };
     const path = "/v1/verbs/{verb}/sequence";
-    return (await this.send(this.addressOf(path, options), initOf("post", options))).arrayBuffer();
+    return this.read(this.addressOf(path, options), initOf("post", options), (response) => response.arrayBuffer());
   }
 
   /** Map of error, smoothness or support over two adverbs. */
@@ -142,13 +142,13 @@ export class Client {
    *
    * @param version this one instead; servers without a store have no other than the served one
    */
-  async verbFile(
+  verbFile(
     verb: string,
     { version, signal }: { version?: number | undefined; signal?: AbortSignal | undefined } = {},
   ): Promise<ArrayBuffer> {
     const query = version === undefined ? {} : { version };
     const path = this.addressOf("/v1/verbs/{verb}/artifact", { path: { verb }, query });
-    return (await this.send(path, withSignal(signal))).arrayBuffer();
+    return this.read(path, withSignal(signal), (response) => response.arrayBuffer());
   }
 
   /** Path of a version's artifact, for `download`. */
@@ -217,8 +217,17 @@ export class Client {
   }
 
   /** Metrics in Prometheus text format. */
-  async metrics(signal?: AbortSignal): Promise<string> {
-    return (await this.send(`${this.base}/metrics`, withSignal(signal))).text();
+  metrics(signal?: AbortSignal): Promise<string> {
+    return this.read(`${this.base}/metrics`, withSignal(signal), (response) => response.text());
+  }
+
+  /** Send a request and read its body. */
+  private async read<T>(
+    address: string,
+    init: RequestInit | undefined,
+    content: (response: Response) => Promise<T>,
+  ): Promise<T> {
+    return readBody(content(await this.send(address, init)), init?.signal);
   }
 
   private addressOf(path: string, { path: names = {}, query }: { path?: unknown; query?: unknown }): string {

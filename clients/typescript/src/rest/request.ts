@@ -1,6 +1,6 @@
 /** Requests to the server. A failed one throws an `AdverbError` with the server's code and detail. */
 
-import { AdverbError, type ResponseError, responseError, TransportError } from "../errors.js";
+import { AdverbError, DecodeError, type ResponseError, responseError, TransportError } from "../errors.js";
 import type { components } from "../generated/schema.js";
 
 type ProblemBody = components["schemas"]["ProblemAnswer"];
@@ -40,7 +40,24 @@ export async function request(
   }
   if (response.ok) return response;
   const { headers: given } = response;
-  throw errorOf(response.status, await response.text(), given.get("Retry-After"), given.get("X-Request-ID"));
+  const text = await readBody(response.text(), init?.signal);
+  throw errorOf(response.status, text, given.get("Retry-After"), given.get("X-Request-ID"));
+}
+
+/**
+ * Content of a body that is being read.
+ *
+ * @throws TransportError the connection broke before the end
+ * @throws DecodeError the content is not JSON
+ */
+export async function readBody<T>(content: Promise<T>, signal?: AbortSignal | null): Promise<T> {
+  try {
+    return await content;
+  } catch (err) {
+    if (signal?.aborted) throw signal.reason;
+    if (err instanceof SyntaxError) throw new DecodeError(0, "the response is not JSON");
+    throw new TransportError("the connection broke during the response", undefined, { cause: err });
+  }
 }
 
 /** The error of a failed response; @param retryAfter seconds, as in the header */

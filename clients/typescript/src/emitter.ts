@@ -8,7 +8,16 @@ export class Emitter<Events> {
     return () => void known.delete(then);
   }
 
+  /** Call all listeners; an error of one is thrown outside, as if it were alone. */
   emit<Name extends keyof Events>(name: Name, event: Events[Name]): void {
-    for (const then of [...(this.listeners.get(name) ?? [])]) (then as (event: Events[Name]) => void)(event);
+    for (const then of [...(this.listeners.get(name) ?? [])]) {
+      try {
+        (then as (event: Events[Name]) => void)(event);
+      } catch (err) {
+        queueMicrotask(() => {
+          throw err;
+        });
+      }
+    }
   }
 }

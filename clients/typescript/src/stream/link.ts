@@ -1,5 +1,6 @@
 /** A protocol on a socket that is kept connected: messages, heartbeat, reconnection. */
 
+import { DecodeError } from "../errors.js";
 import type { Protocol } from "./protocol.js";
 import { Reconnector, type Socket } from "./reconnector.js";
 import type { Connection } from "./stream_stats.js";
@@ -59,8 +60,8 @@ export class Link {
     try {
       this.protocol.receive(data, now());
     } catch (err) {
-      // After an unreadable message, reconnect; another server may answer.
-      return this.sockets.fail(err instanceof Error ? err.message : String(err));
+      if (!(err instanceof DecodeError)) throw err;
+      return this.sockets.fail(err.message); // another server may answer
     }
     if (this.protocol.connection === "open" && before !== "open") {
       this.sockets.succeed();

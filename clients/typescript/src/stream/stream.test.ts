@@ -145,6 +145,22 @@ test("an error without a request is an event", async () => {
   expect(codes).toEqual(["bad_message"]);
 });
 
+test("an error of a listener is thrown outside, and the connection and the other listeners remain", async () => {
+  await open();
+  const [connections, names]: string[][] = [[], []];
+  stream.on("connection", ({ connection }) => connections?.push(connection));
+  stream.on("keytime", () => {
+    throw new Error("of the listener");
+  });
+  stream.on("keytime", ({ name }) => names?.push(name));
+  const tasks: (() => void)[] = [];
+  const spy = vi.spyOn(globalThis, "queueMicrotask").mockImplementation((task) => void tasks.push(task));
+  receive({ op: "events", items: [{ channel: 0, name: "start", phase: 0 }] });
+  spy.mockRestore();
+  expect([connections, names]).toEqual([[], ["start"]]);
+  expect(tasks[0]).toThrow("of the listener");
+});
+
 test("after another server's hello all figures are opened again, and the view is sent again", async () => {
   const figure = await open({ adverbs: { x: 0.3 } });
   stream.view([0, 1, 2], 500);

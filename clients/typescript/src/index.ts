@@ -27,7 +27,7 @@ export { alignRoot, Sequence } from "./sequence.js";
 export { type Frame, JitterBuffer, type Sample } from "./stream/buffer.js";
 export { Channel, type Outgoing } from "./stream/channel.js";
 export { Clock, Lateness } from "./stream/clock.js";
-export { Figure, type FigureOptions, type FigureSettings, type Pose } from "./stream/figure.js";
+export { Figure, type FigureOptions, type FigureSettings, type Pose, type SwitchOptions } from "./stream/figure.js";
 export { FigureStream } from "./stream/figure_stream.js";
 export { Link, type LinkEvents, now } from "./stream/link.js";
 export type { Drawn, Motion, Seek, Shown } from "./stream/motion.js";

@@ -65,6 +65,11 @@ export class Channel {
     return this.waiting > 0;
   }
 
+  /** Whether the server has answered the last `open` or `switch` of a target. */
+  has(target: Motion): boolean {
+    return this.isOpen && !this.pending && this.identity === identityOf(target);
+  }
+
   /** Messages toward the target; none if up to date or waiting for an answer. */
   next(target: Motion, adverbs: readonly number[], phase: number, nowMs: number): Outgoing[] {
     const identity = identityOf(target);
@@ -195,7 +200,7 @@ function playing({ fps, playing, speed, loop, halfLife }: Motion) {
 
 /** Settings that require reopening or, if the target allows it, a `switch`. */
 function identityOf(target: Motion): string {
-  return [target.verb, target.method, target.encoding].join("\n");
+  return [target.verb, target.method, target.encoding, target.switchSerial].join("\n");
 }
 
 function adverbsByName(names: readonly string[], values: readonly number[]): Record<string, number> {

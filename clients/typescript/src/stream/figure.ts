@@ -1,7 +1,7 @@
 /** One character of a stream. */
 
 import { completeAdverbs, namedAdverbs } from "../adverbs.js";
-import { BadRequest } from "../errors.js";
+import { BadRequest, StreamClosed } from "../errors.js";
 import type { Evaluators } from "../evaluator/evaluators.js";
 import { type Rig, rigOf, type Skeleton, solve } from "../math/kinematics.js";
 import type { Opened, Verb } from "../schema.js";
@@ -26,6 +26,16 @@ export interface FigureSettings {
   fps?: number;
   /** Time in which half of the distance to a new goal is covered, s. */
   halfLife?: number;
+}
+
+/** Options of a `switch`. */
+export interface SwitchOptions {
+  /** Goal by name; default: the middle of the domain. */
+  adverbs?: Readonly<Record<string, number>>;
+  /** Blending method; default: the verb's own. */
+  method?: string;
+  /** Duration of the transition, 0 to 5 s; default: chosen by the server. */
+  transitionS?: number;
 }
 
 export interface FigureOptions extends FigureSettings {
@@ -78,13 +88,20 @@ export class Figure {
   private rig: Rig;
   /** Serial of the last seek that was sent. */
   private soughtSerial = -1;
+  /** State to return to if the pending `switch` is refused. */
   private before: { motion: Motion; adverbs: readonly number[]; description: Verb } | null = null;
+  /** Settings that changed while it was pending. */
+  private changed: Partial<Motion> = {};
+  /** Serial of the last `switch`. */
+  private switchSerial = 0;
+  /** The last `switch` is settled. */
+  private switched: Promise<unknown> = Promise.resolve();
   /** The answer to `open` or `switch`. */
   answered!: Promise<void>;
-  private readonly waiting: ((pose: Pose) => void)[] = [];
   private accept: () => void = () => {};
-  /** The answer is an error. */
-  rejectAnswer: (reason: Error) => void = () => {};
+  private reject: (reason: Error) => void = () => {};
+  private readonly waiting: { done(pose: Pose): void; failed(reason: Error): void }[] = [];
+  private ended: Error | null = null;
 
   /** Use `Stream.open`. */
   constructor(
@@ -147,13 +164,11 @@ export class Figure {
   /** Change settings; changes of one turn of the event loop are sent together. */
   set(settings: FigureSettings): void {
     if (settings.adverbs) this.adverbs = completeAdverbs(this.description, settings.adverbs, this.adverbs);
-    const changed = SETTINGS.filter((name) => settings[name] !== undefined);
-    const { seek } = this.motion;
-    this.motion = {
-      ...this.motion,
-      ...Object.fromEntries(changed.map((name) => [name, settings[name]])),
-      seek: settings.phase === undefined ? seek : { serial: seek.serial + 1, phase: settings.phase },
-    };
+    const given = SETTINGS.filter((name) => settings[name] !== undefined);
+    const changed: Partial<Motion> = Object.fromEntries(given.map((name) => [name, settings[name]]));
+    if (settings.phase !== undefined) changed.seek = { serial: this.motion.seek.serial + 1, phase: settings.phase };
+    this.motion = { ...this.motion, ...changed };
+    Object.assign(this.changed, changed);
     this.setBuffer();
     this.host.changed();
   }
@@ -166,33 +181,44 @@ export class Figure {
   /**
    * Continue with another verb of the same joints, with a transition that keeps position and heading.
    *
+   * A switch begins when the one before is answered.
+   *
    * @throws ChannelError code `skeleton_mismatch`: the verb has other joints
+   * @throws StreamClosed the figure or the stream was closed
    */
-  async switch(
-    verb: string,
-    options: { adverbs?: Readonly<Record<string, number>>; method?: string; transitionS?: number } = {},
-  ): Promise<void> {
+  switch(verb: string, options: SwitchOptions = {}): Promise<void> {
+    const answer = this.switched.then(() => this.switchTo(verb, options));
+    this.switched = answer.catch(() => {});
+    return answer;
+  }
+
+  private async switchTo(verb: string, { adverbs = {}, method = "", transitionS }: SwitchOptions): Promise<void> {
     const description = await this.host.describe(verb);
-    const { motion, adverbs } = this;
-    const { loop: _, transitionS: __, ...kept } = motion;
-    this.before = { motion, adverbs, description: this.description };
+    if (this.ended) throw this.ended;
+    const goal = completeAdverbs(description, adverbs);
+    const { loop: _, transitionS: __, ...kept } = this.motion;
+    const before = { motion: this.motion, adverbs: this.adverbs, description: this.description };
+    this.before = before;
+    this.changed = {};
     this.description = description;
-    this.adverbs = completeAdverbs(description, options.adverbs ?? {});
+    this.adverbs = goal;
     this.motion = {
       ...kept,
       verb,
-      method: options.method ?? "",
+      method,
       names: description.adverbs.map(({ name }) => name),
       playing: true,
       switches: true,
-      ...(options.transitionS !== undefined && { transitionS: options.transitionS }),
+      switchSerial: ++this.switchSerial,
+      ...(transitionS !== undefined && { transitionS }),
     };
     this.wait();
     this.host.changed();
     try {
       await this.answered;
     } catch (err) {
-      Object.assign(this, this.before);
+      Object.assign(this, before, { motion: { ...before.motion, ...this.changed } });
+      this.host.changed();
       throw err;
     } finally {
       this.before = null;
@@ -212,12 +238,17 @@ export class Figure {
     return { ...shown, values: drawn.poses, skeleton: this.description.skeleton };
   }
 
-  /** The first pose, when it has arrived. */
+  /**
+   * The first pose, when it has arrived.
+   *
+   * @throws StreamClosed the figure or the stream was closed
+   */
   first(): Promise<Pose> {
-    return new Promise((done) => {
+    return new Promise((done, failed) => {
       const pose = this.pose();
       if (pose) done(pose);
-      else this.waiting.push(done);
+      else if (this.ended) failed(this.ended);
+      else this.waiting.push({ done, failed });
     });
   }
 
@@ -235,6 +266,24 @@ export class Figure {
   close(): void {
     if (this.channel.isOpen) this.host.send(this.channel.close());
     this.host.closed();
+    this.end(new StreamClosed("the figure is closed"));
+  }
+
+  /** Whether a `switch` is unanswered. */
+  get switching(): boolean {
+    return this.before !== null;
+  }
+
+  /** The server refused `open` or `switch`. */
+  refuse(reason: Error): void {
+    this.reject(reason);
+  }
+
+  /** The figure is not on the stream any more. */
+  end(reason: Error): void {
+    this.ended ??= reason;
+    this.reject(reason);
+    for (const { failed } of this.waiting.splice(0)) failed(reason);
   }
 
   /** Messages toward the settings. */
@@ -250,7 +299,7 @@ export class Figure {
   /** The server answered `open`, `switch` or `resume`. */
   opened(opened: Opened): void {
     this.stream.opened(this.channel, opened);
-    if (!this.channel.pending) this.accept();
+    if (this.channel.has(this.motion)) this.accept();
   }
 
   record(view: DataView, at: number, layout: Layout, head: RecordHead): void {
@@ -265,7 +314,7 @@ export class Figure {
   /** There may be a first pose. */
   arrived(): void {
     const pose = this.waiting.length > 0 ? this.pose() : null;
-    if (pose) for (const done of this.waiting.splice(0)) done(pose);
+    if (pose) for (const { done } of this.waiting.splice(0)) done(pose);
   }
 
   /** Another session: the server does not have the channel, and its clock is another. */
@@ -282,7 +331,7 @@ export class Figure {
   private wait(): void {
     this.answered = new Promise((done, failed) => {
       this.accept = done;
-      this.rejectAnswer = failed;
+      this.reject = failed;
     });
     this.answered.catch(() => {}); // it is awaited where it is requested
   }

@@ -27,6 +27,8 @@ export interface Motion {
   halfLife?: number;
   /** Change the verb by `switch`, which keeps position and heading; otherwise the channel is opened again. */
   switches?: boolean;
+  /** Serial of the last `switch`; another one is sent also where the verb is the same. */
+  switchSerial?: number;
   /** Duration of the transition of a `switch`, s; omitted: the server chooses. */
   transitionS?: number;
   /** Further fields of `open`, such as `joints`, `plant` and `priority`; they count when the channel is opened. */

@@ -77,8 +77,9 @@ beforeEach(async () => {
 });
 
 async function open(options = {}) {
+  const before = ops("open").length;
   const figure = stream.open("reach", options);
-  await vi.waitFor(() => expect(ops("open").length).toBeGreaterThan(0));
+  await vi.waitFor(() => expect(ops("open").length).toBeGreaterThan(before));
   answer();
   return figure;
 }
@@ -133,6 +134,82 @@ test("a rejected switch keeps the verb, and the next setting is sent", async () 
   await turn();
   expect(ops("switch")).toHaveLength(1);
   expect(ops("set")).toEqual([{ op: "set", channel: 0, speed: 2 }]);
+});
+
+test("a switch to the same verb is sent, also after a refusal", async () => {
+  const figure = await open();
+  for (const [k, code] of ["", "out_of_range", ""].entries()) {
+    const other = figure.switch("reach", { adverbs: { x: k } });
+    await vi.waitFor(() => expect(ops("switch")).toHaveLength(k + 1));
+    if (code) receive({ op: "error", channel: 0, code, detail: "no" });
+    else answer();
+    if (code) await expect(other).rejects.toMatchObject({ code });
+    else await other;
+  }
+  expect(figure.goal).toEqual({ x: 2, y: 1.5 });
+});
+
+test("switches follow one another, and each is settled", async () => {
+  const figure = await open();
+  const settled: string[] = [];
+  const then = (name: string) => () => settled.push(name);
+  const both = [
+    figure.switch("arm3").then(then("first"), then("refused")),
+    figure.switch("punch").then(then("second"), then("refused")),
+  ];
+  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
+  answer();
+  await vi.waitFor(() => expect(ops("switch")).toHaveLength(2));
+  expect(settled).toEqual(["first"]);
+  answer();
+  await Promise.all(both);
+  expect(settled).toEqual(["first", "second"]);
+  expect(ops("switch").map(({ verb }) => verb)).toEqual(["arm3", "punch"]);
+});
+
+test("a figure that is closed has no pending promise", async () => {
+  const figure = await open();
+  const pending = [figure.switch("arm3"), figure.switch("punch"), figure.first()];
+  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
+  figure.close();
+  for (const each of [...pending, figure.first(), figure.switch("arm3")])
+    await expect(each).rejects.toBeInstanceOf(StreamClosed);
+  const other = await open();
+  const first = other.first();
+  stream.close();
+  await expect(first).rejects.toBeInstanceOf(StreamClosed);
+});
+
+test("settings that change during a refused switch remain", async () => {
+  const figure = await open({ loop: true, adverbs: { x: 0.3 } });
+  const other = figure.switch("arm3");
+  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
+  figure.set({ speed: 0.25, playing: false });
+  receive({ op: "error", channel: 0, code: "skeleton_mismatch", detail: "no" });
+  await expect(other).rejects.toBeInstanceOf(ChannelError);
+  await turn();
+  expect(ops("set")).toEqual([{ op: "set", channel: 0, speed: 0.25, play: false }]);
+  expect(figure.goal).toEqual({ x: 0.3, y: 1.5 });
+});
+
+test("a switch whose message was lost is sent again after a resume, and settled by its answer", async () => {
+  const figure = await open();
+  let settled = false;
+  const other = figure.switch("arm3").then(() => {
+    settled = true;
+  });
+  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
+  vi.useFakeTimers();
+  socket().onclose?.({ code: 1006, reason: "" } as CloseEvent);
+  await vi.advanceTimersByTimeAsync(9000);
+  vi.useRealTimers();
+  answer({ resumed: true, verb: "reach" });
+  receive({ op: "pong", t: sent.filter(({ op }) => op === "ping").at(-1)?.t, server_time_ns: 1 });
+  await vi.waitFor(() => expect(ops("switch")).toHaveLength(2));
+  await turn();
+  expect(settled).toBe(false);
+  answer();
+  await other;
 });
 
 test("an error without a request is an event", async () => {

@@ -205,7 +205,7 @@ export class Stream {
     if (this.closed) return;
     this.closed = true;
     this.link.stop();
-    for (const figure of this.figures.values()) figure.rejectAnswer(new StreamClosed("the stream is closed"));
+    for (const figure of this.figures.values()) figure.end(new StreamClosed("the stream is closed"));
     this.figures.clear();
   }
 
@@ -322,7 +322,9 @@ export class Stream {
     const error = responseError(0, code, detail, [], 0, { channel });
     if (!figure?.channel.pending) return this.emitter.emit("error", error);
     figure.channel.refused(code, Number.POSITIVE_INFINITY);
-    figure.rejectAnswer(error);
-    if (!figure.channel.isOpen) this.figures.delete(figure.channel.number);
+    figure.refuse(error);
+    if (figure.channel.isOpen || figure.switching) return; // a refused switch continues with the verb before
+    this.figures.delete(figure.channel.number);
+    figure.end(error);
   }
 }

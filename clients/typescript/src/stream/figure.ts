@@ -98,6 +98,8 @@ export class Figure {
   private switched: Promise<unknown> = Promise.resolve();
   /** The answer to `open` or `switch`. */
   answered!: Promise<void>;
+  /** It is not settled. */
+  private awaited = true;
   private accept: () => void = () => {};
   private reject: (reason: Error) => void = () => {};
   private readonly waiting: { done(pose: Pose): void; failed(reason: Error): void }[] = [];
@@ -274,9 +276,11 @@ export class Figure {
     return this.before !== null;
   }
 
-  /** The server refused `open` or `switch`. */
-  refuse(reason: Error): void {
+  /** The server refused `open` or `switch`; returns whether a caller waits for the answer. */
+  refuse(reason: Error): boolean {
+    const { awaited } = this;
     this.reject(reason);
+    return awaited;
   }
 
   /** The figure is not on the stream any more. */
@@ -329,10 +333,14 @@ export class Figure {
   }
 
   private wait(): void {
+    this.awaited = true;
     this.answered = new Promise((done, failed) => {
       this.accept = done;
       this.reject = failed;
     });
-    this.answered.catch(() => {}); // it is awaited where it is requested
+    const settled = () => {
+      this.awaited = false;
+    };
+    this.answered.then(settled, settled); // it is awaited where it is requested
   }
 }

@@ -69,6 +69,17 @@ function opened(): Socket {
   return made;
 }
 
+/** The connection is lost, and another one has the server's `hello`. */
+async function reconnected(code = 1006): Promise<void> {
+  vi.useFakeTimers();
+  socket().onclose?.({ code, reason: "" } as CloseEvent);
+  await vi.advanceTimersByTimeAsync(7000);
+  vi.useRealTimers();
+}
+
+/** The server's answer to the last `ping`. */
+const pong = () => receive({ op: "pong", t: sent.filter(({ op }) => op === "ping").at(-1)?.t, server_time_ns: 1 });
+
 beforeEach(async () => {
   [sent, binary, sockets] = [[], [], []];
   const fetch = async () => new Response(JSON.stringify(VERB), { headers: { "Content-Type": "application/json" } });
@@ -199,12 +210,9 @@ test("a switch whose message was lost is sent again after a resume, and settled 
     settled = true;
   });
   await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
-  vi.useFakeTimers();
-  socket().onclose?.({ code: 1006, reason: "" } as CloseEvent);
-  await vi.advanceTimersByTimeAsync(9000);
-  vi.useRealTimers();
+  await reconnected();
   answer({ resumed: true, verb: "reach" });
-  receive({ op: "pong", t: sent.filter(({ op }) => op === "ping").at(-1)?.t, server_time_ns: 1 });
+  pong();
   await vi.waitFor(() => expect(ops("switch")).toHaveLength(2));
   await turn();
   expect(settled).toBe(false);
@@ -244,15 +252,51 @@ test("after another server's hello all figures are opened again, and the view is
   figure.aim({ x: 0.4 });
   await turn();
   sent.length = 0;
-  vi.useFakeTimers();
-  socket().onclose?.({ code: 1006, reason: "" } as CloseEvent);
-  await vi.advanceTimersByTimeAsync(9000);
-  vi.useRealTimers();
+  await reconnected();
   expect(ops("resume")).toMatchObject([{ session: "s1" }]);
   receive({ op: "error", channel: null, code: "unknown_session", detail: "no" });
   await vi.waitFor(() => expect(ops("open")).toHaveLength(1));
   expect(ops("open")[0]).toMatchObject({ adverbs: { x: 0.4, y: 1.5 } });
   expect(ops("view")).toEqual([{ op: "view", x: 0, y: 1, z: 2, budget_kbps: 500 }]);
+});
+
+test("a figure that a restarted server refuses is an event, and is not on the stream any more", async () => {
+  const figure = await open();
+  const first = figure.first();
+  const codes: string[] = [];
+  stream.on("error", ({ code }) => codes.push(code));
+  await reconnected();
+  receive({ op: "error", channel: null, code: "unknown_session", detail: "no" });
+  await vi.waitFor(() => expect(ops("open")).toHaveLength(2));
+  receive({ op: "error", channel: 0, code: "unknown_verb", detail: "unknown verb 'reach'" });
+  expect(codes).toEqual(["unknown_verb"]);
+  expect(stream.stats().channels).toBe(0);
+  await expect(first).rejects.toMatchObject({ code: "unknown_verb" });
+});
+
+test("a switch that a restarted server refuses leaves the figure with its verb", async () => {
+  const figure = await open();
+  const other = figure.switch("arm3");
+  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
+  await reconnected();
+  receive({ op: "error", channel: null, code: "unknown_session", detail: "no" });
+  await vi.waitFor(() => expect(ops("open")).toHaveLength(2));
+  receive({ op: "error", channel: 0, code: "unknown_verb", detail: "unknown verb 'arm3'" });
+  await expect(other).rejects.toMatchObject({ code: "unknown_verb" });
+  await vi.waitFor(() => expect(ops("open").map(({ verb }) => verb)).toEqual(["reach", "arm3", "reach"]));
+});
+
+test("a figure that was closed without a connection is closed on the server after a resume", async () => {
+  await open();
+  const figure = await open();
+  vi.useFakeTimers();
+  socket().onclose?.({ code: 1006, reason: "" } as CloseEvent);
+  figure.close();
+  await vi.advanceTimersByTimeAsync(7000);
+  vi.useRealTimers();
+  for (const channel of [0, 1]) answer({ channel, resumed: true });
+  pong();
+  expect(ops("close")).toEqual([{ op: "close", channel: 1 }]);
 });
 
 test("a stream has a bounded number of figures, and a closed one has none", async () => {

@@ -284,6 +284,8 @@ export class Stream {
       },
       resumed: (channels) => {
         for (const figure of figures.values()) if (!channels.has(figure.channel.number)) figure.channel.forget();
+        for (const channel of channels) // closed while the connection was lost
+          if (!figures.has(channel)) this.protocol.send(JSON.stringify({ op: "close", channel }));
         this.step();
       },
       opened: (opened: Opened) => {
@@ -322,7 +324,7 @@ export class Stream {
     const error = responseError(0, code, detail, [], 0, { channel });
     if (!figure?.channel.pending) return this.emitter.emit("error", error);
     figure.channel.refused(code, Number.POSITIVE_INFINITY);
-    figure.refuse(error);
+    if (!figure.refuse(error)) this.emitter.emit("error", error); // it was open in an earlier session
     if (figure.channel.isOpen || figure.switching) return; // a refused switch continues with the verb before
     this.figures.delete(figure.channel.number);
     figure.end(error);

@@ -7,6 +7,8 @@ import type { Connection } from "./stream_stats.js";
 
 const PING_MS = 1000;
 const SILENT_MS = 8000;
+/** Longest pause that a server can request. */
+const MOST_DRAIN_S = 60;
 
 export interface LinkEvents {
   /** The state changed; `againInS` is the time until the next attempt to connect. */
@@ -63,6 +65,7 @@ export class Link {
       if (!(err instanceof DecodeError)) throw err;
       return this.sockets.fail(err.message); // another server may answer
     }
+    this.sockets.leastPauseMs = 1000 * Math.min(this.protocol.drainS, MOST_DRAIN_S);
     if (this.protocol.connection === "open" && before !== "open") {
       this.sockets.succeed();
       this.events.connection("open", "", 0);
@@ -70,8 +73,11 @@ export class Link {
   }
 
   private heartbeat(): void {
-    if (this.sockets.connected && this.protocol.silent(now(), SILENT_MS))
-      this.sockets.fail(`no answer to a ping for ${SILENT_MS / 1000} s`);
-    else if (this.protocol.connection === "open") this.protocol.ping(now());
+    const { sockets, protocol } = this;
+    if (sockets.connected && protocol.silent(now(), SILENT_MS))
+      sockets.fail(`no answer to a ping for ${SILENT_MS / 1000} s`);
+    else if (protocol.connection === "open") protocol.ping(now());
+    else if (sockets.connected && !protocol.answered && sockets.ageMs > SILENT_MS)
+      sockets.fail(`no session after ${SILENT_MS / 1000} s`);
   }
 }

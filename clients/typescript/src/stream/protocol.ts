@@ -49,6 +49,8 @@ export class Protocol {
   readonly counters: StreamCounters;
   /** Limit of channels, from `hello`. */
   maxChannels = 1024;
+  /** Pause before a reconnection that the server has requested on this connection, s. */
+  drainS = 0;
   private sender: ((message: Message) => void) | null = null;
   /** Away: no session. Joining: a resume is being answered. */
   private state: "away" | "joining" | "live" = "away";
@@ -78,6 +80,11 @@ export class Protocol {
     return this.state === "live" && this.sender !== null;
   }
 
+  /** Whether this connection has had its `hello`. */
+  get answered(): boolean {
+    return this.state !== "away";
+  }
+
   /** Send a message, if a session is live. */
   send(message: Message): void {
     if (this.live) this.sender?.(message);
@@ -92,6 +99,7 @@ export class Protocol {
   lost(): void {
     this.sender = null;
     this.state = "away";
+    this.drainS = 0;
     this.pings.clear();
   }
 
@@ -158,6 +166,7 @@ export class Protocol {
       case "stats":
         return this.events.budget?.(message);
       case "drain":
+        this.drainS = message.reconnect_after_s;
         return this.events.draining?.(message.detail, message.reconnect_after_s);
     }
   }

@@ -24,6 +24,9 @@ export class Reconnector {
   private socket: Socket | null = null;
   private key: string | null = null;
   private failures = 0;
+  private startedMs = 0;
+  /** Shortest pause after the next loss, ms. */
+  leastPauseMs = 0;
   private timer: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
@@ -33,6 +36,11 @@ export class Reconnector {
 
   get connected(): boolean {
     return this.socket !== null;
+  }
+
+  /** Time since the attempt to connect began, ms. */
+  get ageMs(): number {
+    return performance.now() - this.startedMs;
   }
 
   /** Connect with a key, empty for none; null: disconnect until there is one. */
@@ -55,7 +63,9 @@ export class Reconnector {
   fail(detail: string): void {
     if (!this.socket) return;
     this.drop();
-    const pauseMs = Math.min(LONGEST_PAUSE_MS, FIRST_PAUSE_MS * 2 ** this.failures++) * (0.5 + Math.random() / 2);
+    const grownMs = Math.min(LONGEST_PAUSE_MS, FIRST_PAUSE_MS * 2 ** this.failures++) * (0.5 + Math.random() / 2);
+    const pauseMs = Math.max(this.leastPauseMs, grownMs);
+    this.leastPauseMs = 0;
     this.events.lost(detail, pauseMs / 1000);
     this.timer = setTimeout(() => this.connect(), pauseMs);
   }
@@ -68,6 +78,7 @@ export class Reconnector {
 
   private connect(): void {
     const { key } = this;
+    this.startedMs = performance.now();
     const opened = this.open(key ? [SUBPROTOCOL, BEARER + key] : [SUBPROTOCOL]);
     this.socket = opened;
     opened.binaryType = "arraybuffer";

@@ -63,7 +63,8 @@ export class Link {
       this.protocol.receive(data, now());
     } catch (err) {
       if (!(err instanceof DecodeError)) throw err;
-      return this.sockets.fail(err.message); // another server may answer
+      if (typeof data !== "string") return void this.protocol.counters.malformed++;
+      return this.sockets.fail(err.message); // the channels are in doubt
     }
     this.sockets.leastPauseMs = 1000 * Math.min(this.protocol.drainS, MOST_DRAIN_S);
     if (this.protocol.connection === "open" && before !== "open") {

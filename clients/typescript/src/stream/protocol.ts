@@ -7,6 +7,7 @@
 import { DecodeError } from "../errors.js";
 import type { BudgetReport, Opened } from "../schema.js";
 import {
+  checkEnd,
   type Layout,
   layoutOf,
   MESSAGE_HEAD_BYTES,
@@ -131,19 +132,28 @@ export class Protocol {
     const head = readMessageHead(view);
     const step = (head.sequence - this.sequence) >>> 0;
     if (step === 0 || step >= 2 ** 31) return;
+    const records = this.records(view, head.records);
     if (step > 1 && this.sequence > 0) this.counters.gaps++;
     this.sequence = head.sequence;
     this.lateness.add(nowMs, head.timeMs);
+    for (const [at, layout, record] of records) this.events.record(view, at, layout, record);
+    this.counters.message(head.records, head.dropped);
+    this.events.tick(head.timeMs);
+  }
+
+  /** Byte offset, layout and head of each record; their sizes fit the message. */
+  private records(view: DataView, count: number): [number, Layout, RecordHead][] {
+    const records: [number, Layout, RecordHead][] = [];
     let at = MESSAGE_HEAD_BYTES;
-    for (let k = 0; k < head.records; k++) {
+    for (let k = 0; k < count; k++) {
       const number = readChannel(view, at);
       const layout = this.layouts.get(number);
       if (!layout) throw new DecodeError(at, `a record of channel ${number}, which was not opened`);
-      this.events.record(view, at, layout, readRecordHead(view, at, layout));
+      records.push([at, layout, readRecordHead(view, at, layout)]);
       at += layout.recordBytes;
     }
-    this.counters.message(head.records, head.dropped);
-    this.events.tick(head.timeMs);
+    checkEnd(view, at);
+    return records;
   }
 
   private text(message: ServerMessage, nowMs: number): void {

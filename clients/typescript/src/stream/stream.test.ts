@@ -246,6 +246,33 @@ test("an error of a listener is thrown outside, and the connection and the other
   expect(tasks[0]).toThrow("of the listener");
 });
 
+/** A pose message of channel 0 with one joint, f32. */
+function poseMessage(sequence: number, rootX: number): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(20 + 52));
+  view.setUint8(0, 1);
+  view.setUint8(1, 1);
+  view.setUint16(2, 1, true);
+  view.setUint32(4, sequence, true);
+  view.setBigUint64(8, BigInt(1e9 + sequence * 1e7), true);
+  view.setFloat32(20 + 20, 1, true);
+  view.setFloat32(20 + 24, rootX, true);
+  view.setFloat32(20 + 48, 1, true);
+  return view.buffer;
+}
+
+test("a pose message with numbers that are not finite is counted and otherwise ignored", async () => {
+  const figure = await open();
+  const first = figure.first();
+  const connections: string[] = [];
+  stream.on("connection", ({ connection }) => connections.push(connection));
+  socket().onmessage?.({ data: poseMessage(1, Number.NaN) } as MessageEvent);
+  expect(figure.pose()).toBeNull();
+  socket().onmessage?.({ data: poseMessage(2, 0.5) } as MessageEvent);
+  expect([...(await first).values]).toEqual([0.5, 0, 0, 0, 0, 0, 1]);
+  expect(stream.stats()).toMatchObject({ malformed: 1, reconnects: 0 });
+  expect(connections).toEqual([]);
+});
+
 test("after another server's hello all figures are opened again, and the view is sent again", async () => {
   const figure = await open({ adverbs: { x: 0.3 } });
   stream.view([0, 1, 2], 500);

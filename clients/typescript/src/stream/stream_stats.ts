@@ -11,9 +11,10 @@ export interface StreamStats {
   messagesPerS: number;
   posesPerS: number;
   bytesPerS: number;
-  /** Totals: frames dropped by the server, gaps in the sequence numbers, reconnections. */
+  /** Totals: frames dropped by the server, gaps in the sequence numbers, unreadable pose messages, reconnections. */
   dropped: number;
   gaps: number;
+  malformed: number;
   reconnects: number;
   /** Age of pose messages on arrival, by the server's clock, ms; NaN before the first. */
   latenessP50Ms: number;
@@ -41,6 +42,7 @@ export class StreamCounters {
   poses = 0;
   bytes = 0;
   gaps = 0;
+  malformed = 0;
   reconnects = 0;
   private dropped = 0;
   private droppedBefore = 0;
@@ -76,6 +78,7 @@ export class StreamCounters {
       bytesPerS: (now.bytes - then.bytes) / seconds,
       dropped: this.droppedBefore + this.dropped,
       gaps: this.gaps,
+      malformed: this.malformed,
       reconnects: this.reconnects,
       latenessP50Ms: age(0.5),
       latenessP95Ms: age(0.95),

@@ -83,6 +83,11 @@ export function readChannel(view: DataView, at: number): number {
   return view.getUint16(at, true);
 }
 
+/** Check that the records of a message end with it. */
+export function checkEnd(view: DataView, at: number): void {
+  if (at !== view.byteLength) throw new DecodeError(at, `${view.byteLength - at} bytes after the last record`);
+}
+
 /** Read the record head at a byte offset, and check its size and encoding. */
 export function readRecordHead(view: DataView, at: number, layout: Layout): RecordHead {
   if (at + layout.recordBytes > view.byteLength)
@@ -111,7 +116,11 @@ export function readPose(view: DataView, at: number, layout: Layout, out: Float3
     throw new DecodeError(at, `a pose of ${length} numbers does not fit at ${offset} of ${out.length}`);
   if (layout.encoding === "weights") throw new DecodeError(at + 2, "weights are not a pose");
   const plain = layout.encoding === "f32" ? length : 3;
-  for (let k = 0; k < plain; k++) out[offset + k] = view.getFloat32(start + 4 * k, true);
+  for (let k = 0; k < plain; k++) {
+    const value = view.getFloat32(start + 4 * k, true);
+    if (!Number.isFinite(value)) throw new DecodeError(start + 4 * k, "a number of a pose is not finite");
+    out[offset + k] = value;
+  }
   if (layout.encoding === "q48")
     for (let j = 0; j < layout.joints; j++) readQ48(view, start + 12 + 6 * j, out, offset + 3 + 4 * j);
   if (layout.encoding === "q32")

@@ -17,7 +17,7 @@ function frameAt(dueMs: number, phase = (dueMs / 1000 / DURATION) % 1): Frame {
 interface Rig {
   buffer: JitterBuffer;
   /** A message arrives with this lateness. */
-  arrive(dueMs: number, lateMs: number, phase?: number): void;
+  arrive(dueMs: number, lateMs: number, phase?: number, x?: number): void;
   /** Displayed x of the figure. */
   x(nowMs: number): number;
 }
@@ -29,9 +29,11 @@ function rig(): Rig {
   buffer.reset(1);
   return {
     buffer,
-    arrive(dueMs, lateMs, phase) {
+    arrive(dueMs, lateMs, phase, x) {
       lateness.add(dueMs + lateMs, dueMs);
-      buffer.push(frameAt(dueMs, phase));
+      const frame = frameAt(dueMs, phase);
+      if (x !== undefined) frame.poses[0] = x;
+      buffer.push(frame);
     },
     x(nowMs) {
       expect(buffer.sample(nowMs, out)).not.toBeNull();
@@ -135,6 +137,18 @@ test("displayed time continues between a reconnection and its first message", ()
   const before = buffer.shownMs(1000);
   lateness.clear();
   expect(buffer.shownMs(1010)).toBeCloseTo(before + 10, 6);
+});
+
+test("a jump of half a metre is cross-faded, also in centimetres", () => {
+  const shown = [1, 100].map((unit) => {
+    const { buffer, arrive } = rig();
+    const out = new Float32Array(7);
+    buffer.unitsPerMetre = unit;
+    for (let k = 0; k < 60; k++) arrive(k * STEP, 0, k < 30 ? 0.1 : 0.8, k < 30 ? 0 : 0.5 * unit);
+    for (const dueMs of [29 * STEP, 30 * STEP + FADE_MS / 2]) buffer.sample(dueMs + STEP, out);
+    return (out[0] as number) / unit;
+  });
+  for (const x of shown) expect(x).toBeCloseTo(0.25, 5);
 });
 
 test("a discontinuity is cross-faded in 160 ms from its due time", () => {

@@ -57,6 +57,8 @@ export class JitterBuffer {
   intervalMs = 1000 / 60;
   /** Playback speed; faster phase steps are discontinuities. */
   speed = 1;
+  /** Unit of root positions. */
+  unitsPerMetre = 1;
   private frames: Kept[] = [];
   private spare: Float32Array[] = [];
   private joints = 0;
@@ -197,7 +199,7 @@ export class JitterBuffer {
       const target = out.slice(start, start + 3);
       this.blend(this.left, out, start, start + stride, eased, out);
       const far = Math.hypot(...target.map((value, k) => value - (this.left[start + k] as number)));
-      if (far > FARTHEST) out.set(target, start);
+      if (far > FARTHEST * this.unitsPerMetre) out.set(target, start);
     }
   }
 

@@ -5,7 +5,7 @@ import { BadRequest, StreamClosed } from "../errors.js";
 import type { Evaluators } from "../evaluator/evaluators.js";
 import { type Rig, rigOf, type Skeleton, solve } from "../math/kinematics.js";
 import type { Opened, Verb } from "../schema.js";
-import type { Encoding, Layout, RecordHead } from "../wire/decode.js";
+import { type Encoding, type Layout, poseLength, type RecordHead } from "../wire/decode.js";
 import type { Outgoing } from "./channel.js";
 import type { Lateness } from "./clock.js";
 import { FigureStream } from "./figure_stream.js";
@@ -66,6 +66,7 @@ export interface FigureOptions extends FigureSettings {
 export interface Pose extends Omit<Shown, "count" | "root"> {
   /** Root x, y, z (m), then x, y, z, w per joint; a new array for each pose. */
   values: Float32Array;
+  /** Of the verb, in the frame of the figure. */
   skeleton: Skeleton;
 }
 
@@ -85,7 +86,8 @@ export class Figure {
   private readonly stream: FigureStream;
   private motion: Motion;
   private adverbs: readonly number[];
-  private rig: Rig;
+  /** Of the skeleton that `positions` was called with. */
+  private rig: { skeleton: Skeleton; rig: Rig } | null = null;
   /** Serial of the last seek that was sent. */
   private soughtSerial = -1;
   /** State to return to if the pending `switch` is refused. */
@@ -119,7 +121,7 @@ export class Figure {
     this.stream = new FigureStream(number, lateness, evaluators);
     this.stream.setTarget(1);
     this.adverbs = completeAdverbs(description, options.adverbs ?? {});
-    this.rig = rigOf(description.skeleton);
+    if (options.frame === "unreal") this.stream.buffer.unitsPerMetre = 100;
     const given = OPEN_FIELDS.filter((name) => options[name] !== undefined);
     this.motion = {
       verb: description.name,
@@ -225,7 +227,6 @@ export class Figure {
     } finally {
       this.before = null;
     }
-    this.rig = rigOf(description.skeleton);
   }
 
   /**
@@ -237,7 +238,7 @@ export class Figure {
     const drawn = this.stream.draw(performance.timeOrigin + atMs, []);
     if (!drawn) return null;
     const { count: _, root: __, ...shown } = drawn.shown;
-    return { ...shown, values: drawn.poses, skeleton: this.description.skeleton };
+    return { ...shown, values: drawn.poses, skeleton: this.info?.skeleton ?? this.description.skeleton };
   }
 
   /**
@@ -254,13 +255,15 @@ export class Figure {
     });
   }
 
-  /** Joint positions of a pose, 3 per joint, m. It needs all joints, and local rotations. */
+  /** Joint positions of a pose, 3 per joint, in its frame and unit. It needs all joints, and local rotations. */
   positions(pose: Pose): Float32Array {
-    const { joints } = this.rig;
-    if (pose.values.length !== 3 + 4 * joints || this.motion.options?.space === "global")
+    const { options } = this.motion;
+    if (options?.joints || options?.space === "global" || pose.values.length !== poseLength(pose.skeleton.names.length))
       throw new BadRequest(0, "bad_request", "positions need the local rotations of all joints");
-    const positions = new Float32Array(3 * joints);
-    solve(this.rig, pose.values, 0, positions, new Float32Array(4 * joints));
+    if (this.rig?.skeleton !== pose.skeleton) this.rig = { skeleton: pose.skeleton, rig: rigOf(pose.skeleton) };
+    const { rig } = this.rig;
+    const positions = new Float32Array(3 * rig.joints);
+    solve(rig, pose.values, 0, positions, new Float32Array(4 * rig.joints));
     return positions;
   }
 

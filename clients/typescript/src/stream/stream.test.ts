@@ -1,9 +1,10 @@
 /** Messages of a stream, with a socket and a server that the test plays. */
 
 import { beforeEach, expect, test, vi } from "vitest";
-import { ChannelError, StreamClosed } from "../errors.js";
+import { BadRequest, ChannelError, StreamClosed } from "../errors.js";
 import type { Opened, Verb } from "../schema.js";
 import { writeAdverbs, writeBulkAdverbs } from "../wire/decode.js";
+import type { FigureOptions } from "./figure.js";
 import type { Socket } from "./reconnector.js";
 import { connect, type Stream } from "./stream.js";
 
@@ -271,6 +272,29 @@ test("a pose message with numbers that are not finite is counted and otherwise i
   expect([...(await first).values]).toEqual([0.5, 0, 0, 0, 0, 0, 1]);
   expect(stream.stats()).toMatchObject({ malformed: 1, reconnects: 0 });
   expect(connections).toEqual([]);
+});
+
+/** A verb of two joints, and a figure of it with its first pose. */
+async function posed(options: FigureOptions, offset: number[]) {
+  const figure = stream.open("reach", options);
+  await vi.waitFor(() => expect(ops("open")).toHaveLength(1));
+  const skeleton = { names: ["Hips", "Hand"], parents: [-1, 0], offsets: [[0, 0, 0], offset] };
+  answer({ skeleton, joints: options.joints ? [...options.joints] : skeleton.names, record_bytes: 68 });
+  const content = new DataView(new ArrayBuffer(20 + 68));
+  new Uint8Array(content.buffer).set(new Uint8Array(poseMessage(1, 0.5)));
+  content.setFloat32(20 + 64, 1, true);
+  socket().onmessage?.({ data: content.buffer } as MessageEvent);
+  return { figure: await figure, pose: await (await figure).first() };
+}
+
+test("positions are those of the figure's frame", async () => {
+  const { figure, pose } = await posed({ frame: "unreal" }, [0, 30, 0]);
+  expect([...figure.positions(pose)]).toEqual([0.5, 0, 0, 0.5, 30, 0]);
+});
+
+test("positions need the order of the skeleton", async () => {
+  const { figure, pose } = await posed({ joints: ["Hand", "Hips"] }, [0, 0.3, 0]);
+  expect(() => figure.positions(pose)).toThrow(BadRequest);
 });
 
 test("after another server's hello all figures are opened again, and the view is sent again", async () => {

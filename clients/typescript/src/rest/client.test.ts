@@ -1,7 +1,7 @@
 import { createServer, type IncomingMessage, type Server, type ServerResponse } from "node:http";
 import type { AddressInfo } from "node:net";
 import { afterAll, beforeAll, expect, test, vi } from "vitest";
-import { type AdverbError, DecodeError, TransportError, UnknownName } from "../errors.js";
+import { type AdverbError, DecodeError, TimedOut, TransportError, UnknownName } from "../errors.js";
 import { Evaluators } from "../evaluator/evaluators.js";
 import { Client } from "./client.js";
 
@@ -29,13 +29,18 @@ let base: string;
 beforeAll(async () => {
   server = createServer((request: IncomingMessage, response) => {
     const route = ROUTES[`${request.method} ${request.url}`];
+    if (request.url?.includes("/silent")) return;
+    if (request.url?.includes("/stalled")) return void response.writeHead(200, { "Content-Length": 1000 }).write("{");
     if (request.url?.includes("/cut")) return cut(response, request.url.includes("refused") ? 404 : 200);
     response.writeHead(route?.status ?? 500, { "Content-Type": route?.type ?? "text/plain" }).end(route?.body);
   });
   await new Promise<void>((done) => server.listen(0, "127.0.0.1", done));
   base = `http://127.0.0.1:${(server.address() as AddressInfo).port}`;
 });
-afterAll(() => void server.close());
+afterAll(() => {
+  server.close();
+  server.closeAllConnections();
+});
 
 /** A response whose connection breaks before its end. */
 function cut(response: ServerResponse, status: number): void {
@@ -76,6 +81,17 @@ test("a motion is requested as a file of a media type", async () => {
   const file = await new Client(base).sequence("reach", { adverbs: { x: 1 } }, undefined, "model/gltf-binary");
   expect(new TextDecoder().decode(file)).toBe("glTF");
   expect(await accept).toBe("model/gltf-binary");
+});
+
+test("a response that is not complete in time is TimedOut; an abort is not", async () => {
+  const rest = new Client(base, { timeoutMs: 50 });
+  expect(await failure(rest.verb("silent"))).toBeInstanceOf(TimedOut);
+  expect(await failure(rest.verb("stalled"))).toBeInstanceOf(TimedOut);
+  expect(await failure(rest.verb("silent", new AbortController().signal))).toBeInstanceOf(TimedOut);
+  const stop = new AbortController();
+  const stopped = failure(new Client(base).verb("silent", stop.signal));
+  stop.abort();
+  expect(await stopped).toMatchObject({ name: "AbortError" });
 });
 
 test("a response that is cut is a TransportError, one that is not JSON a DecodeError", async () => {

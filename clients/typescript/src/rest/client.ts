@@ -26,6 +26,9 @@ const ENDED = new Set(["published", "not_better", "failed", "cancelled", "given_
 const OCTETS = "application/octet-stream";
 const ZIP = [0x50, 0x4b];
 const READY_MS = 250;
+const TIMEOUT_MS = 30_000;
+/** Limit of uploads, which build verbs, and of downloads of whole files, ms. */
+const LONG_MS = 300_000;
 
 /** Media types of a whole motion. */
 export type MotionType =
@@ -40,7 +43,9 @@ export interface ClientOptions {
   key?: string | null | undefined;
   /** Replacement of `fetch`. */
   fetch?: typeof fetch | undefined;
-  /** Replacement of the whole request, as for authentication by other means; then `key` and `fetch` do not count. */
+  /** Time in which a response has to be complete, ms (30,000); uploads and downloads of files have 5 min. */
+  timeoutMs?: number | undefined;
+  /** Replacement of the whole request, as for authentication by other means; then the other options do not count. */
   send?: Send | undefined;
 }
 
@@ -51,10 +56,12 @@ export class Client {
   readonly send: Send;
   /** Key of further requests; null: none. */
   key: string | null;
+  private readonly timeoutMs: number;
 
-  constructor(base = "", { key = null, fetch: fetcher, send }: ClientOptions = {}) {
+  constructor(base = "", { key = null, fetch: fetcher, timeoutMs = TIMEOUT_MS, send }: ClientOptions = {}) {
     this.base = base.replace(/\/+$/, "");
     this.key = key;
+    this.timeoutMs = send ? Number.POSITIVE_INFINITY : timeoutMs;
     this.send = send ?? ((address, init) => request(address, init, this.key ?? "", fetcher));
   }
 
@@ -65,7 +72,8 @@ export class Client {
     options: CallOptions<M, P> = {},
   ): Promise<Answer<M, P>> {
     const read = (response: Response) => (response.status === 204 ? Promise.resolve() : response.json());
-    return (await this.read(this.addressOf(path, options), initOf(method, options), read)) as Answer<M, P>;
+    const init = initOf(method, options);
+    return (await this.read(this.addressOf(path, options), init, read, options.timeoutMs)) as Answer<M, P>;
   }
 
   /** JSON of any other path below the server. */
@@ -75,7 +83,7 @@ export class Client {
 
   /** Content of a path below the server, such as an artifact. */
   download(path: string, signal?: AbortSignal): Promise<Blob> {
-    return this.read(this.base + path, withSignal(signal), (response) => response.blob());
+    return this.read(this.base + path, withSignal(signal), (response) => response.blob(), LONG_MS);
   }
 
   async verbs(signal?: AbortSignal): Promise<VerbSummary[]> {
@@ -129,7 +137,7 @@ export class Client {
   /** Publish an artifact or a zip of a verb source, detected by the first bytes; `expected` as in `activate`. */
   async upload(content: Blob, expected?: number, signal?: AbortSignal): Promise<Upload> {
     const headers = { "Content-Type": await mediaTypeOf(content), ...ifMatch(expected) };
-    return this.call("post", "/v1/verbs", { body: content, headers, signal });
+    return this.call("post", "/v1/verbs", { body: content, headers, signal, timeoutMs: LONG_MS });
   }
 
   /** Stop serving a verb. */
@@ -148,7 +156,7 @@ export class Client {
   ): Promise<ArrayBuffer> {
     const query = version === undefined ? {} : { version };
     const path = this.addressOf("/v1/verbs/{verb}/artifact", { path: { verb }, query });
-    return this.read(path, withSignal(signal), (response) => response.arrayBuffer());
+    return this.read(path, withSignal(signal), (response) => response.arrayBuffer(), LONG_MS);
   }
 
   /** Path of a version's artifact, for `download`. */
@@ -221,13 +229,22 @@ export class Client {
     return this.read(`${this.base}/metrics`, withSignal(signal), (response) => response.text());
   }
 
-  /** Send a request and read its body. */
+  /** Send a request and read its body; throws `TimedOut` if that takes too long. */
   private async read<T>(
     address: string,
     init: RequestInit | undefined,
     content: (response: Response) => Promise<T>,
+    timeoutMs = this.timeoutMs,
   ): Promise<T> {
-    return readBody(content(await this.send(address, init)), init?.signal);
+    const given = init?.signal;
+    const limit = Number.isFinite(this.timeoutMs) ? AbortSignal.timeout(timeoutMs) : null;
+    const signal = limit && given ? AbortSignal.any([given, limit]) : (limit ?? given);
+    try {
+      return await readBody(content(await this.send(address, { ...init, ...(signal && { signal }) })), signal);
+    } catch (err) {
+      if (limit?.aborted && !given?.aborted) throw new TimedOut(`no complete response after ${timeoutMs / 1000} s`);
+      throw err;
+    }
   }
 
   private addressOf(path: string, { path: names = {}, query }: { path?: unknown; query?: unknown }): string {

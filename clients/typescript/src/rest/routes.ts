@@ -34,4 +34,6 @@ export interface CallOptions<M extends Method, P extends PathOf<M>> {
   body?: Body<Operation<M, P>>;
   headers?: Record<string, string>;
   signal?: AbortSignal | undefined;
+  /** Time in which the response has to be complete, ms; default: that of the client. */
+  timeoutMs?: number;
 }

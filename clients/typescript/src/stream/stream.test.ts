@@ -1,7 +1,7 @@
 /** Messages of a stream, with a socket and a server that the test plays. */
 
 import { beforeEach, expect, test, vi } from "vitest";
-import { BadRequest, ChannelError, StreamClosed } from "../errors.js";
+import { BadRequest, ChannelError, StreamClosed, TimedOut } from "../errors.js";
 import type { Opened, Verb } from "../schema.js";
 import { writeAdverbs, writeBulkAdverbs } from "../wire/decode.js";
 import type { FigureOptions } from "./figure.js";
@@ -102,6 +102,19 @@ test("a figure is opened with all adverbs: those that are not given are in the m
     { channel: 0, verb: "reach", adverbs: { x: 0.3, y: 1.5 }, fps: 60, plant: false, method: "rbf", phase: 0 },
   ]);
   expect(ops("open")[0]).not.toHaveProperty("loop");
+});
+
+test("a description that does not arrive in time is an error of open, and is requested again", async () => {
+  let requests = 0;
+  const silent = (_: unknown, init?: RequestInit) =>
+    new Promise<Response>((_, failed) => {
+      requests++;
+      init?.signal?.addEventListener("abort", () => failed(init.signal?.reason));
+    });
+  const other = await connect("http://server", { socket: opened, fetch: silent as typeof fetch, timeoutMs: 50 });
+  for (let k = 0; k < 2; k++) await expect(other.open("reach")).rejects.toBeInstanceOf(TimedOut);
+  expect(requests).toBe(2);
+  other.close();
 });
 
 test("changes of one turn are one message of each kind", async () => {

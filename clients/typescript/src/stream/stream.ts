@@ -223,7 +223,8 @@ export class Stream {
     const end = now() + this.timeoutMs;
     for (;;) {
       try {
-        return await this.client.verb(verb);
+        const { timeoutMs } = this;
+        return await this.client.call("get", "/v1/verbs/{verb}", { path: { verb }, timeoutMs });
       } catch (err) {
         if ((err as AdverbError).code !== "not_ready" || now() > end) throw err;
         await new Promise((done) => setTimeout(done, NOT_READY_MS));

@@ -53,7 +53,7 @@ def test_goals_that_are_not_given_are_in_the_middle_of_the_domain(address):
 def test_a_server_that_is_down_is_an_error(address):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    with Driver(f"http://127.0.0.1:{port}") as driver:
+    with Driver(f"http://127.0.0.1:{port}", timeoutMs=500) as driver:
         row = driver.until("failed")
         assert (row["name"], row["code"]) == ("TransportError", "offline")
         assert driver.process.wait(30) == 1

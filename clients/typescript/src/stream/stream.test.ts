@@ -1,100 +1,28 @@
-/** Messages of a stream, with a socket and a server that the test plays. */
+/** Messages of a stream. */
 
 import { beforeEach, expect, test, vi } from "vitest";
-import { BadRequest, ChannelError, StreamClosed, TimedOut } from "../errors.js";
-import type { Opened, Verb } from "../schema.js";
+import { BadRequest, NoAccess, StreamClosed, TimedOut } from "../errors.js";
 import { writeAdverbs, writeBulkAdverbs } from "../wire/decode.js";
 import type { FigureOptions } from "./figure.js";
-import type { Socket } from "./reconnector.js";
-import { connect, type Stream } from "./stream.js";
+import {
+  answer,
+  begin,
+  binary,
+  describe,
+  open,
+  opened,
+  ops,
+  receive,
+  reconnected,
+  requests,
+  sent,
+  socket,
+  stream,
+  turn,
+} from "./server.fixture.js";
+import { connect } from "./stream.js";
 
-const VERB = {
-  name: "reach",
-  version: 1,
-  adverbs: [{ name: "x" }, { name: "y" }],
-  skeleton: { names: ["Hips"], parents: [-1], offsets: [[0, 0, 0]], tips: [] },
-  domain: {
-    chart: "identity",
-    chart_axes: [0, 0, 0],
-    chart_bend: [0, 0, 0, 0],
-    shift: [1, 1],
-    scale: [2, 2],
-    middle: [0, 1],
-  },
-} as unknown as Verb;
-
-let sent: Record<string, unknown>[];
-let binary: ArrayBuffer[];
-let sockets: Socket[];
-let stream: Stream;
-
-const socket = () => sockets.at(-1) as unknown as WebSocket;
-const receive = (message: object) => socket().onmessage?.({ data: JSON.stringify(message) } as MessageEvent);
-const turn = () => new Promise((done) => setTimeout(done, 0));
-const ops = (op: string) => sent.filter((message) => message.op === op);
-
-/** The server's answer to the last `open` or `switch`. */
-function answer(fields: Partial<Opened> = {}): void {
-  const { channel, verb } = sent.filter(({ op }) => op === "open" || op === "switch").at(-1) as {
-    channel: number;
-    verb: string;
-  };
-  receive({
-    ...{
-      op: "opened",
-      channel,
-      verb,
-      version: 1,
-      method: "rbf",
-      skeleton: VERB.skeleton,
-      adverbs: [],
-      joints: ["Hips"],
-    },
-    ...{ encoding: "f32", fps: 60, looping: false, resumed: false, record_bytes: 52, ...fields },
-  });
-}
-
-function opened(): Socket {
-  const made = {
-    ...{ binaryType: "arraybuffer", onopen: null, onmessage: null, onclose: null, close: vi.fn() },
-    send: (message: string | ArrayBuffer) =>
-      void (typeof message === "string" ? sent.push(JSON.parse(message)) : binary.push(message)),
-  } as unknown as WebSocket;
-  sockets.push(made);
-  queueMicrotask(() => {
-    made.onopen?.({} as Event);
-    made.onmessage?.({
-      data: JSON.stringify({ op: "hello", session: `s${sockets.length}`, max_channels: 3 }),
-    } as MessageEvent);
-  });
-  return made;
-}
-
-/** The connection is lost, and another one has the server's `hello`. */
-async function reconnected(code = 1006): Promise<void> {
-  vi.useFakeTimers();
-  socket().onclose?.({ code, reason: "" } as CloseEvent);
-  await vi.advanceTimersByTimeAsync(7000);
-  vi.useRealTimers();
-}
-
-/** The server's answer to the last `ping`. */
-const pong = () => receive({ op: "pong", t: sent.filter(({ op }) => op === "ping").at(-1)?.t, server_time_ns: 1 });
-
-beforeEach(async () => {
-  [sent, binary, sockets] = [[], [], []];
-  const fetch = async () => new Response(JSON.stringify(VERB), { headers: { "Content-Type": "application/json" } });
-  stream = await connect("http://server", { socket: opened, fetch });
-  return () => stream.close();
-});
-
-async function open(options = {}) {
-  const before = ops("open").length;
-  const figure = stream.open("reach", options);
-  await vi.waitFor(() => expect(ops("open").length).toBeGreaterThan(before));
-  answer();
-  return figure;
-}
+beforeEach(begin);
 
 test("a figure is opened with all adverbs: those that are not given are in the middle of the domain", async () => {
   await open({ adverbs: { x: 0.3 }, plant: false, method: "rbf" });
@@ -102,6 +30,46 @@ test("a figure is opened with all adverbs: those that are not given are in the m
     { channel: 0, verb: "reach", adverbs: { x: 0.3, y: 1.5 }, fps: 60, plant: false, method: "rbf", phase: 0 },
   ]);
   expect(ops("open")[0]).not.toHaveProperty("loop");
+});
+
+test("a server that starts late is connected to", async () => {
+  let attempts = 0;
+  const late = () => {
+    if (++attempts > 1) return opened();
+    const broken = { close: () => {} } as unknown as WebSocket;
+    queueMicrotask(() => broken.onclose?.({ code: 1006, reason: "" } as CloseEvent));
+    return broken;
+  };
+  const other = await connect("http://server", { socket: late, fetch: describe });
+  expect([attempts, other.connection]).toEqual([2, "open"]);
+  other.close();
+});
+
+test("a server that is down is an error when the time is over, a key without access at once", async () => {
+  const refused = () => {
+    const made = { close: () => {} } as unknown as WebSocket;
+    queueMicrotask(() => made.onclose?.({ code: 1006, reason: "" } as CloseEvent));
+    return made;
+  };
+  const offline = async () => Promise.reject(new TypeError("fetch failed"));
+  const down = connect("http://server", { socket: refused, fetch: offline, timeoutMs: 50 });
+  await expect(down).rejects.toMatchObject({ name: "TransportError", detail: "connection closed (1006)" });
+  const denied = async () => new Response('{"code": "unauthenticated", "detail": "unknown key"}', { status: 401 });
+  await expect(connect("http://server", { socket: refused, fetch: denied })).rejects.toBeInstanceOf(NoAccess);
+});
+
+test("a description is requested again after a new version and in a new session", async () => {
+  await open();
+  expect(requests).toBe(1);
+  await open();
+  expect(requests).toBe(1);
+  receive({ op: "version", channel: 0, version: 2, record_bytes: 52 });
+  await open();
+  expect(requests).toBe(2);
+  await reconnected();
+  receive({ op: "error", channel: null, code: "unknown_session", detail: "no" });
+  await expect(stream.open("reach")).rejects.toMatchObject({ code: "too_many_channels" });
+  expect(requests).toBe(3);
 });
 
 test("a description that does not arrive in time is an error of open, and is requested again", async () => {
@@ -146,92 +114,6 @@ test("a rejected open is an error, and its channel is free", async () => {
   receive({ op: "error", channel: 0, code: "unknown_method", detail: "unknown method magic" });
   await expect(wrong).rejects.toMatchObject({ code: "unknown_method", channel: 0 });
   expect(stream.stats().channels).toBe(0);
-});
-
-test("a rejected switch keeps the verb, and the next setting is sent", async () => {
-  const figure = await open({ adverbs: { x: 0.3 } });
-  const other = figure.switch("arm3");
-  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
-  receive({ op: "error", channel: 0, code: "skeleton_mismatch", detail: "no" });
-  await expect(other).rejects.toBeInstanceOf(ChannelError);
-  expect(figure.goal).toEqual({ x: 0.3, y: 1.5 });
-  figure.set({ speed: 2 });
-  await turn();
-  expect(ops("switch")).toHaveLength(1);
-  expect(ops("set")).toEqual([{ op: "set", channel: 0, speed: 2 }]);
-});
-
-test("a switch to the same verb is sent, also after a refusal", async () => {
-  const figure = await open();
-  for (const [k, code] of ["", "out_of_range", ""].entries()) {
-    const other = figure.switch("reach", { adverbs: { x: k } });
-    await vi.waitFor(() => expect(ops("switch")).toHaveLength(k + 1));
-    if (code) receive({ op: "error", channel: 0, code, detail: "no" });
-    else answer();
-    if (code) await expect(other).rejects.toMatchObject({ code });
-    else await other;
-  }
-  expect(figure.goal).toEqual({ x: 2, y: 1.5 });
-});
-
-test("switches follow one another, and each is settled", async () => {
-  const figure = await open();
-  const settled: string[] = [];
-  const then = (name: string) => () => settled.push(name);
-  const both = [
-    figure.switch("arm3").then(then("first"), then("refused")),
-    figure.switch("punch").then(then("second"), then("refused")),
-  ];
-  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
-  answer();
-  await vi.waitFor(() => expect(ops("switch")).toHaveLength(2));
-  expect(settled).toEqual(["first"]);
-  answer();
-  await Promise.all(both);
-  expect(settled).toEqual(["first", "second"]);
-  expect(ops("switch").map(({ verb }) => verb)).toEqual(["arm3", "punch"]);
-});
-
-test("a figure that is closed has no pending promise", async () => {
-  const figure = await open();
-  const pending = [figure.switch("arm3"), figure.switch("punch"), figure.first()];
-  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
-  figure.close();
-  for (const each of [...pending, figure.first(), figure.switch("arm3")])
-    await expect(each).rejects.toBeInstanceOf(StreamClosed);
-  const other = await open();
-  const first = other.first();
-  stream.close();
-  await expect(first).rejects.toBeInstanceOf(StreamClosed);
-});
-
-test("settings that change during a refused switch remain", async () => {
-  const figure = await open({ loop: true, adverbs: { x: 0.3 } });
-  const other = figure.switch("arm3");
-  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
-  figure.set({ speed: 0.25, playing: false });
-  receive({ op: "error", channel: 0, code: "skeleton_mismatch", detail: "no" });
-  await expect(other).rejects.toBeInstanceOf(ChannelError);
-  await turn();
-  expect(ops("set")).toEqual([{ op: "set", channel: 0, speed: 0.25, play: false }]);
-  expect(figure.goal).toEqual({ x: 0.3, y: 1.5 });
-});
-
-test("a switch whose message was lost is sent again after a resume, and settled by its answer", async () => {
-  const figure = await open();
-  let settled = false;
-  const other = figure.switch("arm3").then(() => {
-    settled = true;
-  });
-  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
-  await reconnected();
-  answer({ resumed: true, verb: "reach" });
-  pong();
-  await vi.waitFor(() => expect(ops("switch")).toHaveLength(2));
-  await turn();
-  expect(settled).toBe(false);
-  answer();
-  await other;
 });
 
 test("an error without a request is an event", async () => {
@@ -322,45 +204,6 @@ test("after another server's hello all figures are opened again, and the view is
   await vi.waitFor(() => expect(ops("open")).toHaveLength(1));
   expect(ops("open")[0]).toMatchObject({ adverbs: { x: 0.4, y: 1.5 } });
   expect(ops("view")).toEqual([{ op: "view", x: 0, y: 1, z: 2, budget_kbps: 500 }]);
-});
-
-test("a figure that a restarted server refuses is an event, and is not on the stream any more", async () => {
-  const figure = await open();
-  const first = figure.first();
-  const codes: string[] = [];
-  stream.on("error", ({ code }) => codes.push(code));
-  await reconnected();
-  receive({ op: "error", channel: null, code: "unknown_session", detail: "no" });
-  await vi.waitFor(() => expect(ops("open")).toHaveLength(2));
-  receive({ op: "error", channel: 0, code: "unknown_verb", detail: "unknown verb 'reach'" });
-  expect(codes).toEqual(["unknown_verb"]);
-  expect(stream.stats().channels).toBe(0);
-  await expect(first).rejects.toMatchObject({ code: "unknown_verb" });
-});
-
-test("a switch that a restarted server refuses leaves the figure with its verb", async () => {
-  const figure = await open();
-  const other = figure.switch("arm3");
-  await vi.waitFor(() => expect(ops("switch")).toHaveLength(1));
-  await reconnected();
-  receive({ op: "error", channel: null, code: "unknown_session", detail: "no" });
-  await vi.waitFor(() => expect(ops("open")).toHaveLength(2));
-  receive({ op: "error", channel: 0, code: "unknown_verb", detail: "unknown verb 'arm3'" });
-  await expect(other).rejects.toMatchObject({ code: "unknown_verb" });
-  await vi.waitFor(() => expect(ops("open").map(({ verb }) => verb)).toEqual(["reach", "arm3", "reach"]));
-});
-
-test("a figure that was closed without a connection is closed on the server after a resume", async () => {
-  await open();
-  const figure = await open();
-  vi.useFakeTimers();
-  socket().onclose?.({ code: 1006, reason: "" } as CloseEvent);
-  figure.close();
-  await vi.advanceTimersByTimeAsync(7000);
-  vi.useRealTimers();
-  for (const channel of [0, 1]) answer({ channel, resumed: true });
-  pong();
-  expect(ops("close")).toEqual([{ op: "close", channel: 1 }]);
 });
 
 test("a stream has a bounded number of figures, and a closed one has none", async () => {

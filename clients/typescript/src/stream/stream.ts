@@ -19,10 +19,10 @@ const MOST_PENDING = 48;
 const NOT_READY_MS = 1000;
 const CHANNELS = 65_536;
 /** Failed attempts to connect after which the key is checked. */
-const ASK_AFTER = 3;
+const CHECK_KEY_AFTER = 3;
 
 export interface ConnectOptions extends Pick<ClientOptions, "key" | "fetch"> {
-  /** Time in which the server has to answer, ms. */
+  /** Time in which the server has to answer, ms (10,000). */
   timeoutMs?: number;
   /** Opens a socket with subprotocols; by default the platform's `WebSocket`, and an own client in Node 20. */
   socket?: (address: string, protocols: string[]) => Socket;
@@ -48,7 +48,8 @@ export interface StreamEvents {
 }
 
 /**
- * Connect to a server.
+ * Connect to a server, with further attempts until `timeoutMs`. A connection that is lost later is opened again, without
+ * a limit of time.
  *
  * @param server address, such as `http://127.0.0.1:8000`; empty: the server of this page
  * @throws TransportError the server cannot be reached
@@ -58,23 +59,28 @@ export interface StreamEvents {
 export async function connect(server = "", options: ConnectOptions = {}): Promise<Stream> {
   const stream = new Stream(server, options);
   const { timeoutMs = 10_000 } = options;
-  let timer: ReturnType<typeof setTimeout> | undefined;
+  const stops: (() => void)[] = [];
   try {
     await new Promise<void>((done, failed) => {
-      timer = setTimeout(() => failed(new TimedOut(`no answer after ${timeoutMs / 1000} s`)), timeoutMs);
-      stream.on("unauthenticated", ({ detail }) => failed(new NoAccess(401, "unauthenticated", detail)));
-      stream.on("connection", ({ connection, detail }) => {
-        if (connection === "open") done();
-        else failed(new TransportError(detail));
-      });
+      let lost: TransportError | null = null;
+      const late = () => failed(lost ?? new TimedOut(`no answer after ${timeoutMs / 1000} s`));
+      const timer = setTimeout(late, timeoutMs);
+      const refused = (reason: AdverbError) => reason instanceof NoAccess && failed(reason);
+      stops.push(
+        () => clearTimeout(timer),
+        stream.on("unauthenticated", ({ detail }) => failed(new NoAccess(401, "unauthenticated", detail))),
+        stream.on("connection", ({ connection, detail }) => {
+          if (connection === "open") return done();
+          lost = new TransportError(detail);
+          void reasonOf(lost, stream.client, timeoutMs).then(refused);
+        }),
+      );
     });
   } catch (err) {
     stream.close();
-    throw err instanceof TransportError && !(err instanceof TimedOut)
-      ? await reasonOf(err, stream.client, timeoutMs)
-      : err;
+    throw err;
   } finally {
-    clearTimeout(timer);
+    for (const stop of stops) stop();
   }
   return stream;
 }
@@ -127,7 +133,7 @@ export class Stream {
       connection: (connection, detail, againInS) => {
         this.emitter.emit("connection", { connection, detail, againInS });
         if (connection === "open") this.attempts = 0;
-        else if (connection === "lost" && ++this.attempts % ASK_AFTER === 0) void this.checkKey();
+        else if (connection === "lost" && ++this.attempts % CHECK_KEY_AFTER === 0) void this.checkKey();
       },
       unauthenticated: (_, detail) => this.emitter.emit("unauthenticated", { detail }),
     });
@@ -185,7 +191,7 @@ export class Stream {
     this.link.setKey(key);
   }
 
-  /** Sockets do not report why a handshake is refused: a key that was revoked meanwhile is no reason to try again. */
+  /** Sockets do not report why a handshake is refused: with a key that was revoked, the attempts end. */
   private async checkKey(): Promise<void> {
     const { key } = this.client;
     const reason = await reasonOf(new TransportError(""), this.client, this.timeoutMs);
@@ -279,6 +285,7 @@ export class Stream {
         return [...figures.values()].filter(({ channel }) => channel.isOpen).length;
       },
       started: () => {
+        this.descriptions.clear();
         for (const figure of figures.values()) figure.forget();
         if (this.shownView) this.protocol.send(this.shownView);
         this.step();
@@ -301,7 +308,11 @@ export class Stream {
       tick: (dueMs) => {
         for (const figure of figures.values()) figure.tick(dueMs);
       },
-      version: (channel, version) => figureOf(channel, (figure) => emitter.emit("version", { figure, version })),
+      version: (channel, version) =>
+        figureOf(channel, (figure) => {
+          this.descriptions.delete(figure.verb.name);
+          emitter.emit("version", { figure, version });
+        }),
       keytime: (channel, name, phase) =>
         figureOf(channel, (figure) => emitter.emit("keytime", { figure, name, phase })),
       ended: (channel) => figureOf(channel, (figure) => emitter.emit("end", { figure })),

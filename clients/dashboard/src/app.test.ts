@@ -42,7 +42,7 @@ class FakePort implements Port {
   picture(phase: number, name = "reach"): void {
     const shown: Shown = {
       ...{ verb: name, version: 1, method: "corrected", phase, timeS: phase, durationS: 1, error: 0 },
-      ...{ clamped: false, inTransition: false, root: [0, 0, 0], count: 1 },
+      ...{ support: null, clamped: false, inTransition: false, root: [0, 0, 0], count: 1 },
     };
     this.notify({ kind: "pictures", pictures: { main: { shown, poses: new Float32Array(7) }, comparison: null } });
   }

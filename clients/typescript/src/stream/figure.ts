@@ -56,6 +56,8 @@ export interface FigureOptions extends FigureSettings {
   follow?: boolean;
   /** Whether keytimes are reported. */
   events?: boolean;
+  /** Whether poses have their support by the examples. */
+  support?: boolean;
   /** Weight in a byte budget. */
   priority?: number;
   /** Receiver of VMC that the server's operator has named; it gets the poses too. */
@@ -80,7 +82,7 @@ export interface FigureHost {
 }
 
 const SETTINGS = ["speed", "playing", "loop", "fps", "halfLife"] as const;
-const OPEN_FIELDS = ["joints", "space", "frame", "plant", "follow", "events", "priority", "vmc"] as const;
+const OPEN_FIELDS = ["joints", "space", "frame", "plant", "follow", "events", "support", "priority", "vmc"] as const;
 
 export class Figure {
   private readonly stream: FigureStream;

@@ -3,7 +3,7 @@
 import { DecodeError } from "../errors.js";
 import type { Evaluators } from "../evaluator/evaluators.js";
 import type { Opened } from "../schema.js";
-import { FLAGS, type Layout, poseLength, type RecordHead, readPose, readWeights } from "../wire/decode.js";
+import { FLAGS, type Layout, poseLength, type RecordHead, readPose, readWeights, supportOf } from "../wire/decode.js";
 import { JitterBuffer } from "./buffer.js";
 import { Channel } from "./channel.js";
 import type { Lateness } from "./clock.js";
@@ -132,6 +132,7 @@ export class FigureStream {
         timeS: head.timeS,
         durationS: head.durationS,
         error: head.error,
+        support: supportOf(head.flags),
         clamped: (head.flags & FLAGS.clamped) !== 0,
         inTransition: (head.flags & FLAGS.inTransition) !== 0,
         root: [poses[0] as number, poses[1] as number, poses[2] as number],

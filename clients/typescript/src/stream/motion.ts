@@ -45,6 +45,8 @@ export interface Shown {
   durationS: number;
   /** In the unit of the verb's measure (m, m/s); NaN if not measured. */
   error: number;
+  /** How well the examples support the pose, 0 to 1; null unless `support` is requested. */
+  support: number | null;
   clamped: boolean;
   inTransition: boolean;
   /** x, y, z, metres. */

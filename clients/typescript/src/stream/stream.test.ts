@@ -143,12 +143,13 @@ test("an error of a listener is thrown outside, and the connection and the other
 });
 
 /** A pose message of channel 0 with one joint, f32. */
-function poseMessage(sequence: number, rootX: number): ArrayBuffer {
+function poseMessage(sequence: number, rootX: number, flags = 0): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(20 + 52));
   view.setUint8(0, 1);
   view.setUint8(1, 1);
   view.setUint16(2, 1, true);
   view.setUint32(4, sequence, true);
+  view.setUint8(20 + 3, flags);
   view.setBigUint64(8, BigInt(1e9 + sequence * 1e7), true);
   view.setFloat32(20 + 20, 1, true);
   view.setFloat32(20 + 24, rootX, true);
@@ -167,6 +168,21 @@ test("a pose message with numbers that are not finite is counted and otherwise i
   expect([...(await first).values]).toEqual([0.5, 0, 0, 0, 0, 0, 1]);
   expect(stream.stats()).toMatchObject({ malformed: 1, reconnects: 0 });
   expect(connections).toEqual([]);
+});
+
+test("a pose has its support where that is requested", async () => {
+  const figure = await open({ support: true });
+  expect(ops("open")[0]).toMatchObject({ support: true });
+  const rows = [
+    [0, null],
+    [1, 0],
+    [8, 0.5],
+    [15, 1],
+  ] as const;
+  for (const [k, [stored, support]] of rows.entries()) {
+    socket().onmessage?.({ data: poseMessage(k + 1, 0, stored << 4) } as MessageEvent);
+    await vi.waitFor(() => expect(figure.pose(performance.now() + 1000)?.support).toBe(support));
+  }
 });
 
 /** A verb of two joints, and a figure of it with its first pose. */

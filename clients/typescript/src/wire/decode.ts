@@ -6,6 +6,10 @@ export const MESSAGE_HEAD_BYTES = 20;
 export const RECORD_HEAD_BYTES = 24;
 export const FLAGS = { clamped: 1, inTransition: 2, newVersion: 4, last: 8 } as const;
 
+/** The upper half of the flags: 0, or 1 + 14 × support. */
+const SUPPORT_SHIFT = 4;
+const SUPPORT_STEPS = 14;
+
 const POSE_OP = 0x01;
 const ADVERBS_OP = 0x10;
 const BULK_ADVERBS_OP = 0x11;
@@ -106,6 +110,12 @@ export function readRecordHead(view: DataView, at: number, layout: Layout): Reco
   };
   if (!Number.isFinite(head.phase + head.timeS + head.durationS)) throw new DecodeError(at + 8, "a time is not finite");
   return head;
+}
+
+/** How well the examples support a pose, 0 to 1; null where its record does not have it. */
+export function supportOf(flags: number): number | null {
+  const stored = flags >> SUPPORT_SHIFT;
+  return stored === 0 ? null : (stored - 1) / SUPPORT_STEPS;
 }
 
 /** Read the pose of the record at a byte offset into `out` at `offset`. */

@@ -30,14 +30,19 @@ COLOURED = """(() => {
 
 
 @contextmanager
-def opened(address):
-    """The page in a tab, as if the server had it."""
+def opened(address, page=PAGE, lost=()):
+    """The page in a tab, as if the server had it; the first request of each path in ``lost`` has no response."""
     from playwright.sync_api import sync_playwright
+
+    lost = set(lost)
 
     def answer(route):
         path = route.request.url.removeprefix(address)
-        if path == "/page":
-            route.fulfill(body=PAGE, content_type="text/html")
+        if path in lost:
+            lost.remove(path)
+            route.abort()
+        elif path == "/page":
+            route.fulfill(body=page, content_type="text/html")
         elif path.startswith("/dist/"):
             route.fulfill(body=(DIST / path.removeprefix("/dist/")).read_text("utf-8"), content_type="text/javascript")
         else:
@@ -78,4 +83,16 @@ def test_figures_are_drawn_follow_their_attributes_and_share_a_connection(addres
         first = until(tab, phase, lambda value: value is not None)
         until(tab, phase, lambda value: abs(value - first) > 0.05)
         tab.evaluate("document.querySelectorAll('adverb-figure').forEach((each) => each.remove())")
+        until(tab, "1", lambda _: len(server.hub.sessions) == before)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_an_element_whose_server_cannot_be_reached_tries_again(address, server):
+    before = len(server.hub.sessions)
+    page = PAGE.partition("<adverb-figure")[0] + '<adverb-figure verb="arm3"></adverb-figure>'
+    with opened(address, page, lost=["/v1/verbs/arm3"]) as tab:
+        text = "document.querySelector('adverb-figure').shadowRoot.querySelector('p').textContent"
+        assert until(tab, text, lambda found: found not in ("", "Loading …")) == "no response from the server"
+        until(tab, "document.querySelectorAll('[drawn]').length === 1")
+        tab.evaluate("document.querySelector('adverb-figure').remove()")
         until(tab, "1", lambda _: len(server.hub.sessions) == before)

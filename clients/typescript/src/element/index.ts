@@ -13,12 +13,14 @@
  *
  * The property `key` has the key of the server. The colour is that of the text, or `--adverb-figure-color`. The events
  * `load` and `error` (with the error as `detail`) report the figure. Elements of one server share a connection.
+ * Without a connection the element tries again every 5 s.
  */
 
-import { AdverbError } from "../errors.js";
+import { AdverbError, TransportError } from "../errors.js";
 import type { Figure, FigureSettings } from "../stream/figure.js";
-import { connect, type Stream } from "../stream/stream.js";
+import { connect } from "../stream/stream.js";
 import { bodyOf } from "./body.js";
+import { type Connection, Connections } from "./connections.js";
 import { Painter, rgbOf } from "./painter.js";
 
 const STYLE = `
@@ -31,25 +33,10 @@ p { position: absolute; inset: 0; margin: auto; height: fit-content; padding: 1r
 const OPENING = ["server", "verb", "method"];
 const DEGREE = Math.PI / 180;
 
-/** Connections by server and key, with the number of elements that use them. */
-const shared = new Map<string, { stream: Promise<Stream>; users: number }>();
+/** Pause after an attempt without a connection, ms. */
+const RETRY_MS = 5_000;
 
-function acquire(server: string, key: string): Promise<Stream> {
-  const name = `${server}\n${key}`;
-  const known = shared.get(name) ?? { stream: connect(server, { key }), users: 0 };
-  known.users++;
-  shared.set(name, known);
-  known.stream.catch(() => shared.get(name) === known && shared.delete(name));
-  return known.stream;
-}
-
-function release(server: string, key: string): void {
-  const name = `${server}\n${key}`;
-  const known = shared.get(name);
-  if (!known || --known.users > 0) return;
-  shared.delete(name);
-  known.stream.then((stream) => stream.close()).catch(() => {});
-}
+const connections = new Connections((server, key) => connect(server, { key }));
 
 export class AdverbFigure extends HTMLElement {
   /** Key of the server. */
@@ -64,7 +51,8 @@ export class AdverbFigure extends HTMLElement {
   private visible = true;
   private figure: Figure | null = null;
   private painter: Painter | null = null;
-  private used: { server: string; key: string } | null = null;
+  private used: Connection | null = null;
+  private retry: ReturnType<typeof setTimeout> | undefined;
   private frame = 0;
   /** Number of the last opening; earlier ones are given up. */
   private opening = 0;
@@ -103,11 +91,10 @@ export class AdverbFigure extends HTMLElement {
     const verb = this.getAttribute("verb");
     if (!verb) return this.show("The attribute “verb” is missing.");
     const turn = ++this.opening;
-    const used = { server: this.getAttribute("server") ?? "", key: this.key };
-    this.used = used;
+    this.used = connections.acquire(this.getAttribute("server") ?? "", this.key);
     this.show("Loading …");
     try {
-      const stream = await acquire(used.server, used.key);
+      const stream = await this.used.stream;
       if (turn !== this.opening) return;
       const description = await stream.client.verb(verb);
       if (turn !== this.opening) return;
@@ -128,6 +115,8 @@ export class AdverbFigure extends HTMLElement {
       this.dispatchEvent(new CustomEvent("load"));
     } catch (err) {
       if (turn !== this.opening) return;
+      this.release();
+      if (err instanceof TransportError) this.retry = setTimeout(() => void this.open(), RETRY_MS);
       this.show(err instanceof AdverbError ? err.detail : String(err));
       this.dispatchEvent(new CustomEvent("error", { detail: err }));
     }
@@ -139,7 +128,12 @@ export class AdverbFigure extends HTMLElement {
     this.frame = 0;
     this.figure?.close();
     this.figure = this.painter = null;
-    if (this.used) release(this.used.server, this.used.key);
+    clearTimeout(this.retry);
+    this.release();
+  }
+
+  private release(): void {
+    if (this.used) connections.release(this.used);
     this.used = null;
   }
 

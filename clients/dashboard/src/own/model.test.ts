@@ -1,4 +1,15 @@
-import { Bone, Group, Object3D, Quaternion, Skeleton, SkinnedMesh, Vector3 } from "three";
+import {
+  Bone,
+  BufferGeometry,
+  Group,
+  MeshStandardMaterial,
+  Object3D,
+  Quaternion,
+  Skeleton,
+  SkinnedMesh,
+  Texture,
+  Vector3,
+} from "three";
 import { expect, test } from "vitest";
 import { POSES, RIGS } from "../../../typescript/src/generated/mapping_vectors";
 import type { Verb } from "../types";
@@ -82,6 +93,24 @@ test("a file whose nodes do not stand is taken in the pose of its skin", () => {
     const found = places[rig.names[target] as string] as number[];
     expect(Math.hypot(...found.map((value, a) => value - (wanted[a] as number)))).toBeLessThan(0.012);
   }
+});
+
+test("a figure that is removed keeps nothing on the graphics card", () => {
+  const group = scene();
+  const bones: Bone[] = [];
+  group.traverse((node) => (node as Bone).isBone && bones.push(node as Bone));
+  const [map, normalMap] = [new Texture(), new Texture()];
+  const material = new MeshStandardMaterial({ map, normalMap });
+  const mesh = new SkinnedMesh(new BufferGeometry(), material);
+  group.add(mesh);
+  mesh.bind(new Skeleton(bones));
+  mesh.skeleton.computeBoneTexture();
+  const parts = { geometry: mesh.geometry, material, map, normalMap, bones: mesh.skeleton.boneTexture as Texture };
+  const disposed: string[] = [];
+  for (const [name, part] of Object.entries(parts))
+    (part as Texture).addEventListener("dispose", () => disposed.push(name));
+  new Model(group, {}).dispose();
+  expect(disposed.sort()).toEqual(Object.keys(parts).sort());
 });
 
 test("a file without a skeleton is refused", () => {

@@ -1,7 +1,7 @@
 /** A character of a GLB or VRM file: its joints at rest, and poses written to its bones. */
 
 import { Mapper, type MapperOptions, type RestJoint, Standing } from "adverb-client";
-import { type Bone, type Mesh, Object3D, Quaternion, type SkinnedMesh, Vector3 } from "three";
+import { type Bone, type Mesh, Object3D, Quaternion, type SkinnedMesh, Texture, Vector3 } from "three";
 import type { Verb } from "../types";
 
 /** Height that decides the unit of a file, m; and heights that are plausible in metres. */
@@ -32,7 +32,7 @@ export class Model {
       if ((node as Mesh).isMesh) node.castShadow = node.receiveShadow = true;
     });
     this.nodes = jointsOf(scene, new Set(Object.values(human)));
-    if (this.nodes.length === 0) throw new Error("This file has no skeleton: its meshes hang on no bones.");
+    if (this.nodes.length === 0) throw new Error("This file has no skeleton: its meshes have no bones.");
     this.names = unique(this.nodes.map(({ name }) => name));
     this.bones = Object.fromEntries(
       Object.entries(human).flatMap(([bone, node]) => {
@@ -88,9 +88,13 @@ export class Model {
 
   dispose(): void {
     this.object.traverse((node) => {
-      const { geometry, material } = node as Partial<Mesh>;
+      const { geometry, material, skeleton } = node as Partial<SkinnedMesh>;
       geometry?.dispose();
-      for (const each of [material ?? []].flat()) each.dispose();
+      skeleton?.dispose();
+      for (const each of [material ?? []].flat()) {
+        for (const value of Object.values(each)) if (value instanceof Texture) value.dispose();
+        each.dispose();
+      }
     });
     this.object.removeFromParent();
   }

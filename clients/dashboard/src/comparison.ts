@@ -1,4 +1,4 @@
-/** Another version of the verb at the same goal and phase, fetched onSettled when the goal changes. */
+/** Another version of the verb at the same goal and phase, fetched again when the goal changes. */
 
 import { alignRoot, FLAGS, poseLength, Sequence } from "adverb-client";
 import type { Picture, Rest, Shown, Verb, View } from "./types";

@@ -38,7 +38,7 @@ interface Entry {
 }
 
 /**
- * Read a container, without a look at the checksum.
+ * Read a container, without checking the checksum.
  *
  * @throws ArtifactError it is not a verb file, is cut off, or has a newer format
  */

@@ -82,7 +82,7 @@ export class NodeSocket implements Pick<Socket, "send" | "close"> {
     const expected = hash.update(`${key}258EAFA5-E914-47DA-95CA-C5AB0DC85B11`).digest("base64");
     if (response.headers["sec-websocket-accept"] !== expected) {
       stream.destroy();
-      return this.end(ABNORMAL, "the server does not speak WebSocket");
+      return this.end(ABNORMAL, "the response is not a WebSocket handshake");
     }
     this.stream = stream;
     if ("setNoDelay" in stream) (stream as unknown as { setNoDelay(on: boolean): void }).setNoDelay(true);

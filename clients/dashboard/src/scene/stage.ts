@@ -5,7 +5,7 @@ import { anatomyOf } from "./anatomy";
 import { CameraRig } from "./camera";
 import { CrowdDetail } from "./crowd_detail";
 import { Feet } from "./feet";
-import { figureRect, isOffscreen, NOTHING_DRAWN } from "./figure_rect";
+import { NOTHING_DRAWN } from "./figure_rect";
 import { Figures } from "./figures";
 import { GoalHandle } from "./goal";
 import { GoalFrame } from "./goal_frame";
@@ -15,19 +15,16 @@ import { type Layout, layoutOf } from "./layout";
 import { Lights } from "./light";
 import { Marks } from "./marks";
 import { materials } from "./materials";
+import { Overlays } from "./overlays";
 import { type Palette, paletteOf } from "./palette";
 import { Pointer } from "./pointer";
 import { rendererOf } from "./renderer";
 import { SlopedGround } from "./slope";
-import { StageLabels } from "./stage_labels";
 import type { V3 } from "./vec";
 
-/** Phase tolerance of the keytime for the distance label. */
-const AT_KEYTIME = 0.012;
 const NOWHERE: CrowdPlaces = { count: 0, places: new Float32Array(0), distant: null };
-/** Direction of the light and extent of the grid in drive mode, m. */
+/** Distance from the camera within which a crowd is hidden, and extent of the grid, in drive mode, m. */
 const CLEARANCE_M = 4;
-const DRIVEN_LIGHT: V3 = [0.6, 1.5, -0.7];
 const DRIVEN_REACH_M = 24;
 
 export function createStage(host: HTMLElement, detail: "high" | "low"): Stage {
@@ -50,7 +47,7 @@ class WebGLStage implements Stage {
   readonly #goal = new GoalHandle();
   readonly #pointer: Pointer;
   readonly #resized: ResizeObserver;
-  readonly #labels: StageLabels;
+  readonly #overlays: Overlays;
   /** Origin of the goal space. */
   readonly #frame = new Group();
   readonly #goalFrame = new GoalFrame();
@@ -70,12 +67,7 @@ class WebGLStage implements Stage {
   #dark = false;
   #following = false;
   #driving = false;
-  #effector = -1;
-  #keytime = Number.NaN;
-  #phase = 0;
-  #offscreen = false;
   #other: Replacement | null = null;
-  #hovered: { known: ExamplePoint; at: Vector3 } | null = null;
   #request = 0;
   #drawnAt = 0;
 
@@ -88,7 +80,7 @@ class WebGLStage implements Stage {
     this.#pointer = new Pointer(surface, this.#context(), this.#actions());
     this.#rig = new CameraRig(surface, () => this.requestDraw());
     this.#rig.onCamera = (camera) => this.#driving || this.onCamera(camera);
-    this.#labels = new StageLabels(host);
+    this.#overlays = new Overlays(host, { ground: this.#ground, lights: this.#lights, goal: this.#goal });
     this.#frame.add(this.#goal.group);
     this.#scene.add(this.#ground.group, this.#lights.group, this.#frame, this.#goal.effectorGroup);
     this.#resized = new ResizeObserver(() => this.#resize());
@@ -143,12 +135,15 @@ class WebGLStage implements Stage {
     const before = figures.count;
     figures.show(picture, this.#rig.camera.position.toArray());
     if (role === "main" && picture && picture.count > 0) {
-      this.#phase = picture.phase;
+      this.#overlays.phase = picture.phase;
       const now_s = performance.now() / 1000;
       this.#slope.follow(picture.phase, figures.positions, heading(figures.rotations, 0), now_s);
       if (!this.#layout.wall) this.#feet?.update(figures.positions, now_s, this.#slope);
       if (this.#space?.kind === "jump") this.#goalFrame.updateJump(picture.phase, figures.positions, figures.rotations);
-      if (before !== picture.count) this.#frameCrowd(picture.count);
+      if (before !== picture.count) {
+        this.#rig.setFrame(this.#layout.frame(picture.count));
+        this.#arrange();
+      }
     }
     this.requestDraw();
   }
@@ -229,12 +224,9 @@ class WebGLStage implements Stage {
     cancelAnimationFrame(this.#request);
     this.#request = -1;
     this.#resized.disconnect();
-    this.#crowdDetail.dispose();
-    this.#pointer.dispose();
-    this.#rig.dispose();
     this.#clear();
-    for (const part of [this.#ground, this.#lights, this.#goal]) part.dispose();
-    this.#labels.dispose();
+    for (const part of [this.#crowdDetail, this.#pointer, this.#rig]) part.dispose();
+    for (const part of [this.#ground, this.#lights, this.#goal, this.#overlays]) part.dispose();
     for (const material of Object.values(this.#materials)) material.dispose();
     this.#renderer.dispose();
     this.#renderer.domElement.remove();
@@ -271,8 +263,8 @@ class WebGLStage implements Stage {
         this.onGoal(adverbs, done);
       },
       hovered: (mark: { known: ExamplePoint; at: Vector3 } | null) => {
-        if (mark?.known === this.#hovered?.known) return;
-        this.#hovered = mark;
+        if (mark?.known === this.#overlays.hovered?.known) return;
+        this.#overlays.hovered = mark;
         this.requestDraw();
       },
       clicked: (known: ExamplePoint) => this.onExample(known.adverbs),
@@ -283,11 +275,6 @@ class WebGLStage implements Stage {
     this.#adverbs = { ...adverbs };
     this.#goal.put(adverbs, this.#verb?.measure.adverbs ?? []);
     this.requestDraw();
-  }
-
-  #frameCrowd(count: number): void {
-    if (this.#layout) this.#rig.setFrame(this.#layout.frame(count));
-    this.#arrange();
   }
 
   get crowd(): CrowdPlaces {
@@ -316,7 +303,7 @@ class WebGLStage implements Stage {
   /** Goal space, marks and measure of a verb; replaces earlier marks. */
   #describe(verb: Verb): Marks {
     const earlier = this.#marks;
-    this.#hovered = null;
+    this.#overlays.describe(verb);
     this.#verb = verb;
     this.#space = goalSpaceOf(verb);
     this.#marks = new Marks(verb, this.#space);
@@ -324,8 +311,6 @@ class WebGLStage implements Stage {
     this.#frame.add(this.#marks.group);
     if (earlier) this.#frame.remove(earlier.group);
     earlier?.dispose();
-    this.#effector = verb.measure.effector ? verb.skeleton.names.indexOf(verb.measure.effector) : -1;
-    this.#keytime = verb.keytime_phases[verb.keytime_names.indexOf(verb.measure.keytime ?? "")] ?? Number.NaN;
     return this.#marks;
   }
 
@@ -338,7 +323,7 @@ class WebGLStage implements Stage {
     if (this.#feet) this.#scene.remove(this.#feet.mesh);
     this.#marks?.dispose();
     this.#feet?.dispose();
-    [this.#figures, this.#marks, this.#feet, this.#hovered] = [null, null, null, null];
+    [this.#figures, this.#marks, this.#feet, this.#overlays.hovered] = [null, null, null, null];
     this.#slope.set(null);
     this.#goalFrame.reset();
     this.#rig.follow(null, 0);
@@ -374,13 +359,21 @@ class WebGLStage implements Stage {
     this.#drawnAt = now;
     const moving = this.#moveFrames(delta_s);
     if (this.#rig.controls.update(delta_s) || moving) this.requestDraw();
-    this.#placeOverlays();
+    this.#updateOverlays(main ?? null);
     this.#renderer.render(this.#scene, this.#rig.camera);
     this.drawn.frames += 1;
     this.drawn.goal = this.#goal.shown ? this.#goal.world.toArray() : null;
     this.drawn.contacts = this.#feet?.contacts ?? 0;
     this.drawn.slide = this.#feet?.slide ?? null;
     this.drawn.handle = this.#goal.shown ? this.#pointer.inWindow(this.#goal.world) : null;
+  }
+
+  #updateOverlays(main: Figures | null): void {
+    const { offscreen: before } = this.#overlays;
+    const [rig, layout, slope, other] = [this.#rig, this.#layout, this.#slope, this.#other];
+    const modes = { driving: this.#driving, following: this.#following, dragging: this.#pointer.dragging };
+    const offscreen = this.#overlays.update({ rig, layout, main, slope, other, ...modes }, this.drawn);
+    if (offscreen !== before) this.onOffscreen(offscreen);
   }
 
   /** Move the goal frame and the camera with the character; returns whether they are still moving. */
@@ -402,59 +395,5 @@ class WebGLStage implements Stage {
     this.#frame.rotation.y = this.#goalFrame.heading;
     this.#frame.updateMatrixWorld(true);
     return moving;
-  }
-
-  /** Update everything that depends on the camera. */
-  #placeOverlays(): void {
-    const { camera, controls } = this.#rig;
-    const { target } = controls;
-    camera.updateMatrixWorld();
-    this.#goal.face(camera, this.#host.clientHeight);
-    if (this.#layout) {
-      const { radius, bar } = this.#layout;
-      const light = this.#driving ? DRIVEN_LIGHT : this.#layout.light;
-      const main = this.#figures?.main;
-      const travel = this.#other?.travel ?? 1;
-      const [x, y, z] = main?.count
-        ? [...main.positions.subarray(0, 3)].map((value) => travel * value)
-        : [target.x, target.y, target.z];
-      const snap = (value: number | undefined) => Math.round((value ?? 0) * 4) / 4;
-      const crowd = this.#layout.crowd(main?.count ?? 1);
-      this.#lights.aim(snap(x) + crowd.x, snap(y) + crowd.y, snap(z) + crowd.z, radius(main?.count ?? 1), light);
-      this.#ground.tilt(this.#slope);
-      this.#ground.centre(target.x, target.y, target.z);
-      const [u, v] =
-        (this.#following || this.#driving) && main?.count ? [Math.round(x ?? 0), Math.round(z ?? 0)] : [0, 0];
-      this.#ground.putBar(bar[0] + u, bar[1] + v);
-    }
-    this.#locateFigure();
-    this.#updateLabels();
-  }
-
-  #locateFigure(): void {
-    const { clientWidth: wide, clientHeight: high } = this.#host;
-    const main = this.#figures?.main;
-    if (!main?.count) return;
-    const travel = this.#other?.travel ?? 1;
-    const places = travel === 1 ? main.positions : main.positions.map((value) => travel * value);
-    this.drawn.figure = figureRect(places, this.#rig.camera, wide, high);
-    const offscreen = isOffscreen(this.drawn.figure, wide, high);
-    if (offscreen !== this.#offscreen) this.onOffscreen(offscreen);
-    this.#offscreen = offscreen;
-  }
-
-  #updateLabels(): void {
-    const { camera } = this.#rig;
-    const main = this.#figures?.main;
-    const at = this.#effector >= 0 && main?.count ? new Vector3().fromArray(main.positions, 3 * this.#effector) : null;
-    const own = this.#other?.effector();
-    if (at && own) at.set(...own);
-    this.drawn.effector = at?.toArray() ?? null;
-    const judged = Math.abs(this.#phase - this.#keytime) < AT_KEYTIME;
-    const far = this.#goal.reach(at, judged);
-    this.#labels.showMiss(judged && this.#goal.shown ? at : null, this.#goal.world, far, camera);
-    this.#labels.showMark(this.#pointer.dragging || this.#driving ? null : this.#hovered, camera);
-    this.#ground.group.updateMatrixWorld(true);
-    this.#labels.showBar(this.#driving ? null : this.#ground.bar, camera);
   }
 }

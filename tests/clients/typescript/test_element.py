@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from contextlib import contextmanager
 
@@ -96,3 +97,12 @@ def test_an_element_whose_server_cannot_be_reached_tries_again(address, server):
         until(tab, "document.querySelectorAll('[drawn]').length === 1")
         tab.evaluate("document.querySelector('adverb-figure').remove()")
         until(tab, "1", lambda _: len(server.hub.sessions) == before)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_the_example_of_the_readme_is_drawn(address):
+    block = re.findall(r"```html\n(.*?)```", (PACKAGE / "README.md").read_text("utf-8"), re.DOTALL)[0]
+    page = block.replace("adverb-client/element", "/dist/element/index.js").replace("http://127.0.0.1:8000", address)
+    assert page.count("/dist/") == page.count(address) == 1
+    with opened(address, f"<!doctype html>{page}") as tab:
+        until(tab, "document.querySelectorAll('[drawn]').length === 1")

@@ -1,4 +1,4 @@
-"""The npm package in an empty project: installation, types, and the first example of its README."""
+"""The npm package in an empty project: installation, types, and the examples of its README."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import subprocess
 import pytest
 
 from tests.clients.typescript.node import NODE, PACKAGE, PROJECT
+from tests.service.catalog.conftest import PATIENCE_S as START_S
+from tests.service.catalog.conftest import Kept
 
 NPM = shutil.which("npm")
 READMES = (PACKAGE / "README.md", PROJECT / "README.md")
@@ -29,6 +31,81 @@ console.log(evaluator.verb.name, UnknownName);
 // @ts-expect-error no such route
 stream.client.call("get", "/v1/nothing");
 """
+
+
+# What surrounds an example of the package's README: declarations of the names that it takes for granted, and a check.
+ANY_SERVER = re.compile(r"http://127\.0\.0\.1:8000|https://motion\.example")
+GOAL = "const goal = { x: -0.3, y: 1.2, z: 0.4 };"
+EVALUATED = f"""
+import {{ Client, Evaluator }} from "adverb-client";
+{GOAL}
+const rest = new Client("http://127.0.0.1:8000");
+const pose = (await Evaluator.load(await rest.verbFile("reach"))).pose(goal);
+"""
+EXAMPLES = {
+    ("Stream", 0): (
+        """
+import { connect } from "adverb-client";
+const key = null;
+const requestAnimationFrame = (then) => setTimeout(() => then(performance.now()), 16);
+const draw = (positions) => {
+  console.log("drawn", positions.every(Number.isFinite));
+  process.exit();
+};
+""",
+        "",
+        "drawn true",
+    ),
+    ("REST", 0): (
+        f"""
+import {{ Client, Sequence }} from "adverb-client";
+{GOAL}
+const [key, adverbs] = [null, goal];
+""",
+        "console.log(rotations.length, error < 0.01, motion.first.phase, drafts.drafts);",
+        "28 true 0 []",
+    ),
+    ("Evaluator", 0): (
+        """
+import { Client, Evaluator } from "adverb-client";
+const client = new Client("http://127.0.0.1:8000");
+""",
+        "console.log(pose.values.every((value, k) => Math.abs(value - same.values[k]) < 1e-6));",
+        "true",
+    ),
+    ("Engines", 0): (
+        f"""{EVALUATED}
+const bone = (name, parent, y) => ({{
+  name, parent, children: [], scale: {{ x: 1 }},
+  position: {{ x: 0, y, z: 0, set(...to) {{ [this.x, this.y, this.z] = to; }} }},
+  quaternion: {{ x: 0, y: 0, z: 0, w: 1, set(...to) {{ [this.x, this.y, this.z, this.w] = to; }} }},
+}});
+const pelvis = bone("pelvis", null, 1);
+const arm = bone("upperarm_l", pelvis, 0.5);
+pelvis.children.push(arm);
+const skinnedMesh = {{ skeleton: {{ bones: [pelvis, arm] }} }};
+""",
+        "console.log(arm.quaternion.w < 1, pelvis.position.y > 0.1);",
+        "true true",
+    ),
+    ("Engines", 1): (
+        f"""{EVALUATED}
+const {{ names, parents, offsets }} = pose.skeleton;
+const low = Math.min(...names.map((_, k) => {{
+  let y = 0;
+  for (let j = k; j > 0; j = parents[j]) y += offsets[j][1];
+  return y;
+}}));
+const joints = names.map((name, k) => (
+  {{ name, parent: parents[k], rotation: [0, 0, 0, 1], position: k === 0 ? [0, -low, 0] : offsets[k] }}
+));
+const written = [];
+const write = (joint, turn) => written.push(joint.name, turn.length);
+""",
+        "console.log(written.length > 20, mapper.figures.effector < 0.02, mapper.figures.feet < 0.02);",
+        "true true true",
+    ),
+}
 
 
 def run(*command, cwd, **options):
@@ -77,6 +154,29 @@ def test_the_first_example_of_a_readme_runs(project, address, readme):
     (project / "first.js").write_text(first.replace("http://127.0.0.1:8000", address))
     printed = run(NODE, "first.js", cwd=project)
     assert printed.startswith("Float32Array(84) [")
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A server with all verbs and a store."""
+    server = Kept(data=tmp_path_factory.mktemp("kept"), refiners=0).start(START_S)
+    yield f"http://127.0.0.1:{server.port}"
+    server.stop()
+
+
+def test_every_example_is_run():
+    sections = re.split(r"^## ", READMES[0].read_text("utf-8"), flags=re.MULTILINE)[1:]
+    found = {(text.split("\n", 1)[0], k) for text in sections for k, _ in enumerate(re.findall(r"```js\n", text))}
+    assert found == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: f"{example[0]}-{example[1]}")
+def test_examples_run(project, kept, example):
+    (heading, number), (before, after, printed) = example, EXAMPLES[example]
+    section = READMES[0].read_text("utf-8").split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    block = re.findall(r"```js\n(.*?)```", section, re.DOTALL)[number]
+    (project / "example.js").write_text(ANY_SERVER.sub(kept, f"{before}\n{block}\n{after}\n"))
+    assert printed in run(NODE, "example.js", cwd=project)
 
 
 def test_helpers_are_imported_without_their_engines(project):

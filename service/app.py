@@ -12,7 +12,7 @@ from starlette.middleware.cors import CORSMiddleware
 
 from service import errors, tracing
 from service.catalog.catalog import Catalog
-from service.compute import run_in_thread
+from service.compute import run_in_own_thread
 from service.http import openapi
 from service.http.authentication import Authenticate
 from service.http.guard import Guard, allowed_names
@@ -50,7 +50,7 @@ def create_app(
             yield
             tasks.cancel_scope.cancel()
         if provider is not None:
-            await run_in_thread(provider.shutdown)
+            await run_in_own_thread(provider.shutdown)
 
     origins = origins_of(settings.cors_origins)
     app = FastAPI(

@@ -1,7 +1,8 @@
-"""Thread pool for evaluation: short calls run on the event loop, long ones on a few threads with a bounded queue.
+"""Threads: a pool for evaluation, and daemon threads for calls that wait for the database or a disk.
 
 A pose takes some tens of microseconds, and a switch to a thread as much again, so poses stay on the loop. Work of more
-than half a millisecond goes to a thread; kernels release the interpreter lock there.
+than half a millisecond goes to a thread; kernels release the interpreter lock there. Threads and queues are bounded:
+requests beyond the limits are answered 503.
 """
 
 from __future__ import annotations
@@ -15,18 +16,79 @@ from typing import TypeVar, cast
 
 import anyio
 import anyio.to_thread
+from anyio.lowlevel import RunVar
 
 from service.errors import Overloaded
 
-__all__ = ["INLINE_US", "Pool", "run_in_thread"]
+__all__ = ["INLINE_US", "MAX_QUEUED", "THREADS", "WAIT_S", "Pool", "run_in_own_thread", "run_in_thread"]
 
 INLINE_US = 500.0
 """Longest work that stays on the event loop, µs."""
 
+THREADS = 4
+"""Threads of requests; the store has three connections for them and the tasks of the server."""
+
+MAX_QUEUED = 64
+"""Largest number of calls of requests that wait for a thread."""
+
+WAIT_S = 5.0
+"""Longest wait of a request for a thread, seconds."""
+
 Result = TypeVar("Result")
 
 
+class _Turns:
+    """Turns of requests on the threads of one event loop."""
+
+    def __init__(self) -> None:
+        self._free, self._queued = asyncio.Semaphore(THREADS), 0
+
+    async def take(self) -> None:
+        """Wait for a turn; raises :class:`Overloaded` where the queue is full or the wait too long."""
+        if self._queued >= MAX_QUEUED:
+            raise Overloaded(
+                f"{MAX_QUEUED} calls wait for the store already", headers={"Retry-After": "1"}, limit=MAX_QUEUED
+            )
+        self._queued += 1
+        try:
+            async with asyncio.timeout(WAIT_S):
+                await self._free.acquire()
+        except TimeoutError:
+            raise Overloaded(f"the store is busy for {WAIT_S:g} s", headers={"Retry-After": "1"}) from None
+        finally:
+            self._queued -= 1
+
+    def end(self) -> None:
+        """End a turn."""
+        self._free.release()
+
+
+_turns: RunVar[_Turns] = RunVar("adverb_turns")
+
+
 async def run_in_thread(work: Callable[[], Result]) -> Result:
+    """Run a function of a request, which may wait for the database or a disk, in one of :data:`THREADS` threads.
+
+    Raises :class:`Overloaded` where :data:`MAX_QUEUED` others wait, or none becomes free within :data:`WAIT_S`. A
+    cancelled request keeps its thread until the function returns.
+    """
+    turns = _turns.get(None)
+    if turns is None:
+        turns = _Turns()
+        _turns.set(turns)
+    await turns.take()
+    return await _run(work, turns.end)
+
+
+async def run_in_own_thread(work: Callable[[], Result]) -> Result:
+    """Run a function of a task of the server in a thread that requests cannot occupy.
+
+    Only for tasks of which there are few; requests use :func:`run_in_thread`.
+    """
+    return await _run(work, lambda: None)
+
+
+async def _run(work: Callable[[], Result], ended: Callable[[], None]) -> Result:
     """Run a function in a daemon thread, which does not delay the end of the process as a pool's thread would.
 
     Compiling kernels takes half a minute on a fresh machine; a server that is stopped meanwhile ends at once.
@@ -36,6 +98,7 @@ async def run_in_thread(work: Callable[[], Result]) -> Result:
     context = copy_context()  # log lines of the thread have the id of the request
 
     def finish(result: Result | None, err: BaseException | None) -> None:
+        ended()
         if done.cancelled():
             return
         if err is not None:
@@ -52,7 +115,11 @@ async def run_in_thread(work: Callable[[], Result]) -> Result:
         with suppress(RuntimeError):  # the loop has ended meanwhile: nothing awaits the result
             loop.call_soon_threadsafe(finish, result, err)
 
-    threading.Thread(target=run, name="adverb-thread", daemon=True).start()
+    try:
+        threading.Thread(target=run, name="adverb-thread", daemon=True).start()
+    except BaseException:  # no thread can be started
+        ended()
+        raise
     return await done
 
 

@@ -19,7 +19,7 @@ import structlog
 
 from service.access import keys
 from service.access.tokens import Tokens
-from service.compute import run_in_thread
+from service.compute import run_in_own_thread
 from service.errors import MissingScope, NotReady, Unauthenticated
 from service.settings import Settings
 from service.store.keys import Keys
@@ -205,7 +205,7 @@ class Access:
         if self._store is None:
             return
         try:
-            self._take(await run_in_thread(partial(self._store.changed, self._revision)))
+            self._take(await run_in_own_thread(partial(self._store.changed, self._revision)))
         except StoreError as err:
             log.debug("keys cannot be read; the last ones count", problem=str(err))
         self._read_at_s = time.monotonic()

@@ -12,7 +12,7 @@ from typing import Any
 import structlog
 
 from service.access.keys import SCOPES
-from service.compute import run_in_thread
+from service.compute import run_in_own_thread
 from service.errors import Unauthenticated
 from service.settings import Settings
 
@@ -134,7 +134,7 @@ class Tokens:
         """Read the issuer's keys; the earlier ones stay where that fails."""
         self._read_at_s = time.monotonic()
         try:
-            content = await run_in_thread(partial(_content, self._source))
+            content = await run_in_own_thread(partial(_content, self._source))
             self._keys = _keys(content)
         except (OSError, ValueError) as err:
             log.warning("the key set of tokens cannot be read", source=self._source, problem=str(err)[:200])

@@ -17,7 +17,7 @@ from typing import Any
 import structlog
 
 from service.catalog.catalog import Catalog, Entry, Skipped, files_of, problem_of, skipped
-from service.compute import run_in_thread
+from service.compute import run_in_own_thread, run_in_thread
 from service.store.records import ArtifactDamaged, Conflict, StoreError, StoreUnavailable, UnknownVerb, Version
 from service.store.store import Store
 from verbs.errors import VerbError
@@ -96,7 +96,7 @@ class StoreSync:
         """
         async with self._refreshing:
             before = self._current()
-            catalog = await run_in_thread(partial(self.read, before))
+            catalog = await run_in_own_thread(partial(self.read, before))
             if catalog is not before:
                 self._set_catalog(catalog)
 
@@ -198,7 +198,7 @@ async def load_with_retry(load: Callable[[], Catalog], on_failure: Callable[[Sto
     pause_s, longest_s = RETRY_S
     while True:
         try:
-            return await run_in_thread(load)
+            return await run_in_own_thread(load)
         except StoreUnavailable as err:
             log.warning("store unavailable; retrying", problem=str(err), pause_s=pause_s)
             on_failure(err)

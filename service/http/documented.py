@@ -32,9 +32,9 @@ EVALUATING = (
 
 
 def problems(*codes: str) -> dict[int | str, dict[str, Any]]:
-    """Problem responses for the OpenAPI document, by status."""
+    """Problem responses for the OpenAPI document, by status; what needs the store may also be overloaded."""
     rows: dict[int | str, dict[str, Any]] = {}
-    for code in codes:
+    for code in dict.fromkeys([*codes, *(["overloaded"] if "store_unavailable" in codes else [])]):
         row = PROBLEMS[code]
         known = rows.setdefault(row.status, {"description": row.title, "content": {MEDIA_TYPE: {"schema": _PROBLEM}}})
         if row.title not in known["description"]:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import structlog
 
-from service.compute import run_in_thread
+from service.compute import run_in_own_thread
 from service.metrics import Metrics
 from service.refinement.errors import AlreadyRunning
 from service.refinement.job_spec import RefinementSpec
@@ -94,7 +94,7 @@ class Scheduler:
             records = self._usage.take()
             try:
                 latest_s = self._started_s + time.monotonic() - self._started_monotonic_s
-                await run_in_thread(partial(self.run_once, records, time.time(), latest_s=latest_s))
+                await run_in_own_thread(partial(self.run_once, records, time.time(), latest_s=latest_s))
             except StoreUnavailable as err:
                 log.info("store unavailable; scheduled tasks wait", problem=str(err))
             except Exception as err:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import secrets
 import shutil
-from collections import OrderedDict
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -17,6 +15,7 @@ import orjson
 
 from service.catalog.catalog import Entry
 from service.catalog.store_sync import StoreSync
+from service.catalog.version_cache import EntryCache
 from service.compute import run_in_thread
 from service.errors import DraftChanged, DraftNotBuilt, NoSource
 from service.settings import Settings
@@ -26,7 +25,6 @@ from service.store.records import Conflict, Draft, UnknownVerb, Version
 from service.upload.builder import Builder
 from service.upload.uploads import receive
 from verbs import library
-from verbs.io import artifact
 
 __all__ = ["Drafts"]
 
@@ -49,8 +47,7 @@ class Drafts:
     def __init__(self, folder: Path, builder: Builder, sync: StoreSync, settings: Settings) -> None:
         self._folder, self._builder, self._sync, self._settings = folder, builder, sync, settings
         self._store = sync.store.drafts
-        self._entries: OrderedDict[tuple[str, int], Entry] = OrderedDict()
-        self._loading = asyncio.Lock()
+        self._entries = EntryCache(CACHED)
 
     @property
     def limit(self) -> int:
@@ -141,19 +138,13 @@ class Drafts:
     async def entry(self, id: str) -> Entry:
         """The verb of a draft, prepared for evaluation; its version is the revision.
 
-        Raises :class:`DraftNotBuilt`, or :class:`service.store.records.UnknownDraft`.
+        Raises :class:`DraftNotBuilt`, :class:`service.store.records.UnknownDraft`, or an error of
+        :meth:`EntryCache.get` or :meth:`service.store.drafts.Drafts.path`.
         """
         draft = await run_in_thread(partial(self._store.get, id))
         if draft.artifact is None:
             raise DraftNotBuilt(f"the clips of draft '{id}' make no verb; its 'problem' states why")
-        key = id, draft.revision
-        async with self._loading:
-            if key not in self._entries:
-                self._entries[key] = await run_in_thread(partial(self._load, draft))
-            self._entries.move_to_end(key)
-            while len(self._entries) > CACHED:
-                self._entries.popitem(last=False)
-            return self._entries[key]
+        return await self._entries.get((id, draft.revision), partial(self._path, draft.artifact))
 
     async def read(self, id: str) -> tuple[Draft, str]:
         """A draft and its document; raises :class:`service.store.records.UnknownDraft`."""
@@ -173,10 +164,6 @@ class Drafts:
 
     def _path(self, sha256: str) -> Path:
         return self._store.path(sha256)
-
-    def _load(self, draft: Draft) -> Entry:
-        path = self._path(str(draft.artifact))
-        return Entry.of_verb(artifact.load(path), path=path, version=draft.revision)
 
     def _source(self, verb: str, expected: int | None) -> tuple[Path, int]:
         """Archive or folder of the current version's source, and the number of that version."""

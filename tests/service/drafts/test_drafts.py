@@ -10,6 +10,7 @@ import pytest
 
 from tests.service.catalog.conftest import JSON, OCTETS, PATIENCE_S, ZIP, Kept, client_of
 from tests.service.drafts.conftest import NAME, created, packed
+from tests.service.faults.test_damage import flip
 from tests.service.upload.test_building import damaged
 from tests.verbs import raw_folder
 from tests.verbs.sources import arm_source
@@ -223,6 +224,19 @@ async def test_poses_and_sequences_are_those_of_the_verb(client, draft, tmp_path
     assert (wrong.status_code, wrong.json()["code"]) == (422, "bad_request")
     metrics = (await client.get("/metrics")).text
     assert f'verb="{NAME}"' not in metrics  # names of drafts are no labels
+
+
+async def test_poses_of_a_draft_are_refused_once_its_artifact_is_damaged(kept, client, draft):
+    goal, url = {"adverbs": clip(draft, "reach_4")["adverbs"], "phase": 0.5}, f"/v1/drafts/{draft['id']}/pose"
+    before = (await client.post(url, json=goal)).json()  # and is cached
+    drafts = kept.state.store_sync.store.drafts
+    path = drafts.path(drafts.get(draft["id"]).artifact)
+    content = path.read_bytes()
+    flip(path)
+    refused = await client.post(url, json=goal)
+    assert (refused.status_code, refused.json()["code"]) == (500, "artifact_damaged")
+    path.write_bytes(content)
+    assert (await client.post(url, json=goal)).json() == before
 
 
 async def test_a_draft_is_published_with_its_source(client, draft):

@@ -141,6 +141,7 @@ async def test_a_damaged_version_cannot_be_activated(server, tmp_path):
         assert upload.json()["version"] == 2
         path = await file_of(server, client, "arm3")
         content = path.read_bytes()
+        assert await posed(client, version=1) == 200  # and is cached
         flip(path)
         assert await posed(client, version=2) == 200
         assert await posed(client, version=1) == 500

@@ -290,8 +290,8 @@ def limits(found: Model, plan: Plan, f32: int, q48: int) -> Iterator[str]:
         ("files of a process", f"{FILES:,}", f"{FILES:,} with one a socket"),
         ("ports between a proxy and a server", f"{PORTS:,} an address pair",
          f"{PORTS * plan.channels:,}; {PORTS:,} with one a socket"),
-        ("connections of PostgreSQL", f"{POSTGRES}; {CONNECTIONS + 1} a process at most",
-         f"{POSTGRES // (CONNECTIONS + 1) * f32:,} (`f32`)"),
+        ("connections of PostgreSQL", f"{POSTGRES}; {CONNECTIONS + 2} a process at most",
+         f"{POSTGRES // (CONNECTIONS + 2) * f32:,} (`f32`)"),
     ]  # fmt: skip
     yield from table(("limit", "value", "characters"), rows)
 

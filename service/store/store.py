@@ -85,7 +85,8 @@ class Store:
     def __init__(self, database: Database, blobs: Blobs, *, clock: Callable[[], float] = time.time) -> None:
         self._database, self._blobs, self._clock = database, blobs, clock
         self._jobs, self._usage = Jobs(database, clock), UsageTable(database)
-        self.drafts, self.keys = Drafts(database, blobs, clock), Keys(database, clock)
+        self._apart = database.apart()  # keys are read whatever other calls wait for
+        self.drafts, self.keys = Drafts(database, blobs, clock), Keys(self._apart, clock)
 
     @classmethod
     def open(
@@ -136,6 +137,7 @@ class Store:
     def close(self) -> None:
         """Close every connection; later calls raise :class:`StoreUnavailable`, and :meth:`changes` ends."""
         self._database.close()
+        self._apart.close()
 
     def current(self) -> dict[str, Version]:
         """The current version of each served verb, in order of names."""

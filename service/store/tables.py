@@ -40,8 +40,8 @@ from service.store.records import BadAddress, StoreError, StoreUnavailable
 
 __all__ = ["Database", "drafts", "events", "jobs", "keys", "pointers", "traffic", "verbs", "versions"]
 
-CONNECTIONS = 4
-"""Largest number of connections of a store, besides one for notices."""
+CONNECTIONS = 3
+"""Largest number of connections of a store, besides one for keys and one for notices."""
 
 _SETTING_UP = 0x41645631  # keys of advisory locks
 _PUBLISHING = 0x41645632
@@ -161,6 +161,8 @@ class Database:
         ``sqlite:////absolute/state.db`` or ``postgresql://…``.
     timeout_s : float
         Longest wait for a connection, a lock or a statement, seconds.
+    connections : int
+        Largest number of connections.
 
     Raises
     ------
@@ -168,11 +170,16 @@ class Database:
         The address is of another kind.
     """
 
-    def __init__(self, address: str, *, timeout_s: float) -> None:
-        self.url, self.timeout_s = _url(address), timeout_s
+    def __init__(self, address: str, *, timeout_s: float, connections: int = CONNECTIONS) -> None:
+        self.url, self.timeout_s, self._connections = _url(address), timeout_s, connections
         self.sqlite = self.url.get_backend_name() == "sqlite"
         self.available, self.closed = False, False
         self._engine = self._make_engine()
+
+    def apart(self) -> Database:
+        """The same database through a connection of its own, for which calls of this one do not wait."""
+        address = self.url.render_as_string(hide_password=False)
+        return Database(address, timeout_s=self.timeout_s, connections=1)
 
     def prepare(self) -> None:
         """Create missing tables and upgrade older ones; raises :class:`StoreError` if they are newer than this code."""
@@ -211,7 +218,9 @@ class Database:
                 yield connection
         except (exc.IntegrityError, exc.ProgrammingError, exc.DataError):
             raise  # a programming error
-        except (exc.DBAPIError, exc.TimeoutError) as err:
+        except exc.TimeoutError as err:  # of the pool; the database itself may work
+            raise StoreUnavailable(f"no connection became free within {self.timeout_s:g} s") from err
+        except exc.DBAPIError as err:
             self.available = False
             raise StoreUnavailable(self.reason(err)) from err
 
@@ -262,10 +271,10 @@ class Database:
 
     def _make_engine(self) -> Engine:
         if self.sqlite:
-            return _file_engine(self.url, self.timeout_s)
+            return _file_engine(self.url, self.timeout_s, self._connections)
         from service.store.postgres import make_engine
 
-        return make_engine(self.url, timeout_s=self.timeout_s, connections=CONNECTIONS)
+        return make_engine(self.url, timeout_s=self.timeout_s, connections=self._connections)
 
     def _write_ahead(self) -> None:
         """Turn on SQLite's write-ahead log; retries, as SQLite fails while another process does the same."""
@@ -300,10 +309,10 @@ def _url(address: str) -> URL:
     return url.set(drivername="sqlite+pysqlite")
 
 
-def _file_engine(url: URL, timeout_s: float) -> Engine:
+def _file_engine(url: URL, timeout_s: float, connections: int) -> Engine:
     engine = create_engine(
         url,
-        pool_size=CONNECTIONS,
+        pool_size=connections,
         max_overflow=0,
         pool_timeout=timeout_s,
         hide_parameters=True,

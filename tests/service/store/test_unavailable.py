@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 
 import psycopg
 import pytest
@@ -10,6 +10,7 @@ import pytest
 from service.cli.doctor import findings
 from service.settings import Settings
 from service.store.store import BadAddress, Store, StoreUnavailable
+from service.store.tables import CONNECTIONS
 from tools.postgres import OTHERS
 
 BY_ADA = {"author": "ada", "reason": "a test", "quality": {}}
@@ -44,6 +45,21 @@ def test_waiting_for_a_lock_times_out(location, artifact):
     assert store.publish("reach", artifact("two"), **BY_ADA).number == 2
     assert store.available
     store.close()
+
+
+def test_waiting_for_a_connection_is_no_outage(location):
+    store = location.open(timeout_s=0.2)
+    with ExitStack() as used:
+        for _ in range(CONNECTIONS):
+            used.enter_context(store._database.transaction())
+        with pytest.raises(StoreUnavailable, match="no connection became free within 0.2 s"):
+            store.current()
+        assert store.available
+        assert store.keys.listed() == []  # keys have a connection of their own
+    assert store.current() == {}
+    store.close()
+    with pytest.raises(StoreUnavailable, match="closed"):
+        store.keys.listed()
 
 
 def test_a_postgresql_that_stops_and_comes_back(postgres, tmp_path, artifact):

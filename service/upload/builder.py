@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,7 +15,7 @@ from service.errors import BadUpload, DraftNotBuilt, InvalidDraft, Overloaded
 from service.store.records import StoreUnavailable
 from service.upload.sandbox import Job
 
-__all__ = ["MAX_ANSWER_BYTES", "Builder", "Made", "Sandboxes"]
+__all__ = ["MAX_ANSWER_BYTES", "MAX_UPLOADS", "Builder", "Made", "Sandboxes"]
 
 FIRST_S = 5.0
 """Pause after the server is ready, before a sandbox is started ahead."""
@@ -23,7 +24,8 @@ LONGEST_S = 120.0
 """Longest time for one upload, seconds."""
 
 MAX_ANSWER_BYTES = 4 * 1024 * 1024
-MAX_WAITING = 8
+MAX_UPLOADS = 8
+"""Largest number of uploads that are received, wait or are built."""
 
 _KILLED = "reading it takes more memory or time than an upload may, or broke the process that does"
 
@@ -51,7 +53,7 @@ class Sandboxes(Protocol):
 
 
 class Builder:
-    """Builds and checks uploads, one at a time; others wait.
+    """Builds and checks uploads, one at a time; others wait. Who receives one takes a :meth:`place` for it before.
 
     Parameters
     ----------
@@ -60,7 +62,7 @@ class Builder:
 
     def __init__(self, sandboxes: Sandboxes) -> None:
         self._sandboxes = sandboxes
-        self._turn, self._waiting = asyncio.Lock(), 0
+        self._turn, self._places = asyncio.Lock(), MAX_UPLOADS
         self._taken = asyncio.Event()
 
     async def run(self) -> None:
@@ -75,6 +77,19 @@ class Builder:
         finally:
             await self._sandboxes.close()
 
+    @contextmanager
+    def place(self) -> Iterator[None]:
+        """A place for one upload until its files are removed; raises :class:`Overloaded` where none is free."""
+        if not self._places:
+            raise Overloaded(
+                f"{MAX_UPLOADS} uploads are received or built already", headers={"Retry-After": "5"}, limit=MAX_UPLOADS
+            )
+        self._places -= 1
+        try:
+            yield
+        finally:
+            self._places += 1
+
     async def make(self, upload: Path, result: Path) -> Made:
         """Build a zip of a verb source, or check an artifact; the verb is written to ``result``.
 
@@ -82,8 +97,6 @@ class Builder:
         ------
         BadUpload
             It is not a verb; the detail names the problem.
-        Overloaded
-            Too many other uploads wait.
         StoreUnavailable
             The disk is full or read-only.
         """
@@ -97,8 +110,6 @@ class Builder:
         ------
         BadUpload, InvalidDraft, DraftNotBuilt
             With the reason.
-        Overloaded
-            Too many other uploads wait.
         StoreUnavailable
             The disk is full or read-only.
         """
@@ -106,16 +117,10 @@ class Builder:
 
     async def _run(self, job: Job) -> Mapping[str, Any]:
         """The answer to a job; raises the error that it states."""
-        if self._waiting >= MAX_WAITING:
-            raise Overloaded(f"{MAX_WAITING} uploads wait already", headers={"Retry-After": "5"})
-        self._waiting += 1
-        try:
-            async with self._turn:
-                await self._sandboxes.prepare()
-                self._taken.set()
-                answer = await self._answer(job)
-        finally:
-            self._waiting -= 1
+        async with self._turn:
+            await self._sandboxes.prepare()
+            self._taken.set()
+            answer = await self._answer(job)
         if "error" not in answer:
             return answer
         match answer.get("kind"):

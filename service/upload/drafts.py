@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import secrets
 import shutil
-from collections.abc import AsyncIterator, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import orjson
 from service.catalog.catalog import Entry
 from service.catalog.store_sync import StoreSync
 from service.catalog.version_cache import EntryCache
-from service.compute import run_in_thread
+from service.compute import run_in_own_thread, run_in_thread
 from service.errors import DraftChanged, DraftNotBuilt, NoSource
 from service.settings import Settings
 from service.store.blobs import translated
@@ -67,11 +67,11 @@ class Drafts:
         BadUpload
             No clip can be used, or an option is wrong.
         Overloaded
-            Too many uploads are waiting.
+            Too many uploads are received or built.
         TooManyDrafts, StoreUnavailable
             See :meth:`service.store.drafts.Drafts.add`.
         """
-        with self._task({**request, "revision": 1}) as folder:
+        async with self._task({**request, "revision": 1}) as folder:
             await receive(chunks, folder / "upload")
             content = await self._perform("create", folder, archive=None, motion=None)
             limits = {"most": self.limit, "most_bytes": self._settings.max_drafts_bytes}
@@ -91,8 +91,8 @@ class Drafts:
         draft, document = await run_in_thread(partial(self._store.read, id))
         _expect(draft, expected)
         archive, motion = await run_in_thread(lambda: (self._path(draft.archive), self._path(draft.motion)))
-        with self._task({"revision": draft.revision + 1, "archive": str(archive), "change": change}) as folder:
-            _write(folder, document)
+        async with self._task({"revision": draft.revision + 1, "archive": str(archive), "change": change}) as folder:
+            await run_in_own_thread(partial(_write, folder, "draft.json", document.encode()))
             content = await self._perform("change", folder, archive=archive, motion=motion)
             changed = await run_in_thread(partial(self._store.change, id, draft.revision, content))
         return changed, content.document
@@ -107,8 +107,8 @@ class Drafts:
         draft, document = await run_in_thread(partial(self._store.read, id))
         _expect(draft, expected)
         archive = await run_in_thread(partial(self._path, draft.archive))
-        with self._task({"archive": str(archive), "name": name}) as folder:
-            _write(folder, document)
+        async with self._task({"archive": str(archive), "name": name}) as folder:
+            await run_in_own_thread(partial(_write, folder, "draft.json", document.encode()))
             answer = await self._builder.perform("publish", folder)
             version = await self._publish(folder, answer, author=author, reason=f"draft {id}", expected=None)
         return version, tuple(answer["warnings"])
@@ -128,7 +128,7 @@ class Drafts:
             See :meth:`service.store.store.Store.publish`.
         """
         source, number = await run_in_thread(partial(self._source, verb, expected))
-        with self._task({**request, "source": str(source)}) as folder:
+        async with self._task({**request, "source": str(source)}) as folder:
             await receive(chunks, folder / "upload")
             answer = await self._builder.perform("example", folder)
             reason = f"example {answer['example']['name']}"
@@ -183,17 +183,16 @@ class Drafts:
             raise NoSource(f"no source of verb '{verb}' is stored; upload it as a zip of its source first")
         return path, current.number
 
-    @contextmanager
-    def _task(self, request: Mapping[str, Any]) -> Iterator[Path]:
-        """A folder for the files of a task."""
+    @asynccontextmanager
+    async def _task(self, request: Mapping[str, Any]) -> AsyncIterator[Path]:
+        """A place for a task, and a folder for its files; raises :class:`Overloaded` where no place is free."""
         folder = self._folder / secrets.token_hex(8)
-        try:
-            with translated("files of drafts cannot be written"):
-                folder.mkdir()
-                (folder / "request.json").write_bytes(orjson.dumps(request))
-            yield folder
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
+        with self._builder.place():
+            try:
+                await run_in_own_thread(partial(_write, folder, "request.json", orjson.dumps(request)))
+                yield folder
+            finally:
+                await run_in_own_thread(partial(shutil.rmtree, folder, ignore_errors=True))
 
     async def _perform(self, task: str, folder: Path, *, archive: Path | None, motion: Path | None) -> Content:
         """Do a task, and return what it wrote; files that it did not write are as before."""
@@ -227,9 +226,11 @@ class Drafts:
 _FILES = ("archive.zip", "motion.bin", "verb.verb")
 
 
-def _write(folder: Path, document: str) -> None:
+def _write(folder: Path, name: str, content: bytes) -> None:
+    """Write a file of a task; the folder is created with the first."""
     with translated("files of drafts cannot be written"):
-        (folder / "draft.json").write_text(document, "utf-8")
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
 
 
 def _expect(draft: Draft, revision: int | None) -> None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 from collections.abc import AsyncIterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from typing import IO
 
 from service.catalog.store_sync import StoreSync
+from service.compute import run_in_own_thread
+from service.errors import BadUpload
 from service.store.blobs import translated
 from service.store.records import Version
 from service.upload.archive import is_zip
@@ -16,11 +21,49 @@ from service.upload.builder import Builder
 __all__ = ["Uploads", "receive"]
 
 
+RECEIVE_S = 1800.0
+"""Longest time for receiving an upload, seconds."""
+
+BLOCK_BYTES = 1 << 20
+"""Bytes that are written at once."""
+
+
 async def receive(chunks: AsyncIterator[bytes], path: Path) -> None:
-    """Write the body of a request to a new file; raises :class:`StoreUnavailable`."""
-    with translated("uploads cannot be written"), path.open("xb") as file:
-        async for chunk in chunks:
-            file.write(chunk)
+    """Write the body of a request to a new file.
+
+    Raises :class:`StoreUnavailable`, or :class:`BadUpload` where it takes longer than :data:`RECEIVE_S`.
+    """
+    with translated("uploads cannot be written"):
+        file = await run_in_own_thread(lambda: path.open("xb"))
+        try:
+            async with asyncio.timeout(RECEIVE_S):
+                await _copy(chunks, file)
+        except TimeoutError:
+            raise BadUpload(f"it was not received within {RECEIVE_S:g} s") from None
+        finally:
+            await run_in_own_thread(file.close)
+
+
+async def _copy(chunks: AsyncIterator[bytes], file: IO[bytes]) -> None:
+    block = bytearray()
+    async for chunk in chunks:
+        block += chunk
+        if len(block) >= BLOCK_BYTES:
+            await run_in_own_thread(partial(file.write, block))
+            block = bytearray()  # a thread may still read the other one
+    await run_in_own_thread(partial(file.write, block))
+
+
+def _kept(upload: Path) -> Path | None:
+    """The archive to keep as the verb's source; None for an artifact."""
+    with translated("uploads cannot be read"), upload.open("rb") as file:
+        return upload if is_zip(file.read(4)) else None
+
+
+def _remove(*paths: Path) -> None:
+    for path in paths:
+        with suppress(OSError):  # a read-only folder refuses it before it looks for the file
+            path.unlink(missing_ok=True)
 
 
 class Uploads:
@@ -61,21 +104,19 @@ class Uploads:
         BadUpload
             The upload is not a valid verb.
         Overloaded
-            Too many uploads are waiting.
+            Too many uploads are received or built.
         Conflict, StoreUnavailable
             See :meth:`service.store.store.Store.publish`.
         """
         name = secrets.token_hex(8)
         upload, result = self.folder / f"{name}.upload", self.folder / f"{name}.verb"
-        try:
-            await receive(chunks, upload)
-            made = await self._builder.make(upload, result)
-            with upload.open("rb") as file:
-                source = upload if is_zip(file.read(4)) else None
-            options = {"quality": made.quality, "expected": expected, "source": source}
-            version = await self._sync.publish(made.verb, result, author=author, reason="upload", **options)
-        finally:
-            for path in (upload, result):
-                with suppress(OSError):  # a read-only folder refuses it before it looks for the file
-                    path.unlink(missing_ok=True)
+        with self._builder.place():  # before the body is read
+            try:
+                await receive(chunks, upload)
+                made = await self._builder.make(upload, result)
+                source = await run_in_own_thread(partial(_kept, upload))
+                options = {"quality": made.quality, "expected": expected, "source": source}
+                version = await self._sync.publish(made.verb, result, author=author, reason="upload", **options)
+            finally:
+                await run_in_own_thread(partial(_remove, upload, result))
         return version, made.warnings

@@ -36,7 +36,7 @@ from benchmarks.chaos.verdict import (
 __all__ = ["run"]
 
 REQUESTERS, CUTTERS = 6, 2
-SAMPLE_S, TELL_S = 2.0, 30.0
+SAMPLE_S, PRINT_S = 2.0, 30.0
 RECOVERY_S = (20.0, 180.0)
 """Shortest and longest time after the run in which everything recovers without faults, seconds; less in a short run."""
 FRESH_S = 5.0
@@ -48,7 +48,7 @@ SHOWN = 3
 _CHECKED = ("reach", "punch", "kick")
 
 
-def say(line: str) -> None:
+def progress(line: str) -> None:
     """Print progress."""
     print(line, file=sys.stderr, flush=True)
 
@@ -115,7 +115,7 @@ class Run:
         """Let all faults happen at their times."""
         for fault in self.plan.faults:
             await asyncio.sleep(max(fault.at_s - self.ledger.now_s(), 0.0))
-            say(f"{self.ledger.now_s():7.1f} s  {fault.name}")
+            progress(f"{self.ledger.now_s():7.1f} s  {fault.name}")
             if fault.kind in NETWORK:
                 self._cut(fault)
             else:
@@ -133,15 +133,15 @@ class Run:
         printed_s, printed = 0.0, 0
         while True:
             await asyncio.to_thread(self.cluster.sample, self.ledger)
-            if self.ledger.now_s() - printed_s > TELL_S:
+            if self.ledger.now_s() - printed_s > PRINT_S:
                 printed_s, ledger = self.ledger.now_s(), self.ledger
                 live = sum(stream.alive(FRESH_S) for stream in self.streams)
-                say(
+                progress(
                     f"{printed_s:7.1f} s  {live} streams with frames, {ledger.messages} messages, "
                     f"{len(ledger.versions)} versions, {len(ledger.jobs)} refinements, {len(ledger.wrong)} wrong"
                 )
                 for problem in ledger.wrong[printed : printed + SHOWN]:
-                    say(f"           wrong: {problem[:400]}")
+                    progress(f"           wrong: {problem[:400]}")
                 printed = len(ledger.wrong)
             await asyncio.sleep(SAMPLE_S)
 
@@ -156,7 +156,7 @@ class Run:
             alive = sum(stream.alive(FRESH_S) for stream in self.streams)
             done = alive == len(self.streams) and all(state in ENDED for state, _ in states.values())
             if passed_s > shortest_s and (done or passed_s > RECOVERY_S[1]):
-                say(f"{self.ledger.now_s():7.1f} s  recovered: {alive} streams with frames")
+                progress(f"{self.ledger.now_s():7.1f} s  recovered: {alive} streams with frames")
                 return alive
             await asyncio.sleep(1.0)
 

@@ -89,6 +89,7 @@ class Author:
         self._base, self._count = base, 0
         self._verb = ""
         self._port: object = None
+        self._began_s = 0.0  # when the last request was sent
 
     async def run(self, stop: asyncio.Event) -> None:
         """Do what the plan has, one operation after the other; what failed is not repeated."""
@@ -115,7 +116,7 @@ class Author:
 
     async def _send(self, http: httpx.AsyncClient, what: str, method: str, path: str, **options: Any) -> Any:
         """A response with a status below 300, or None, with the problem in the ledger."""
-        began_s = self.ledger.now_s()
+        began_s = self._began_s = self.ledger.now_s()
         try:
             response = await http.request(method, path, **options)
         except httpx.HTTPError as err:
@@ -144,7 +145,7 @@ class Author:
         if kind == "upload verb" and found["sha256"] != hashlib.sha256(content).hexdigest():
             self.ledger.fault(f"{verb} {found['version']} has another hash than its upload")
         self.ledger.versions[verb, found["version"]] = found["sha256"]
-        changes.acknowledged(self.ledger.now_s(), found["version"])
+        changes.acknowledged(self._began_s, self.ledger.now_s(), found["version"])
 
     async def _activate(self, http: httpx.AsyncClient, operation: Operation) -> None:
         """Activate an older version, or the newest one."""
@@ -158,7 +159,7 @@ class Author:
         if response is None:
             changes.unsure.append((self.ledger.now_s(), number, False))
         else:
-            changes.acknowledged(self.ledger.now_s(), number)
+            changes.acknowledged(self._began_s, self.ledger.now_s(), number)
 
     async def _delete(self, http: httpx.AsyncClient, verb: str) -> None:
         """Delete a verb; the server that answered does not list it any more."""
@@ -170,11 +171,11 @@ class Author:
         if response is None:
             if unsure and self.ledger.answers[-1].problem == "404 unknown_verb":
                 self.ledger.answers.pop()  # an earlier deletion, whose answer was lost, has happened
-                changes.acknowledged(self.ledger.now_s(), None)
+                changes.acknowledged(self._began_s, self.ledger.now_s(), None)
                 return
             changes.unsure.append((self.ledger.now_s(), None, False))
             return
-        changes.acknowledged(self.ledger.now_s(), None)
+        changes.acknowledged(self._began_s, self.ledger.now_s(), None)
         port, listed = self._port, await self._send(http, "list after a deletion", "GET", "/v1/verbs")
         same = listed is not None and port is not None and port == self._port
         if same and not changes.unsure and verb in {row["name"] for row in listed.json()["verbs"]}:

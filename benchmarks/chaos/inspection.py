@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Iterable
 from contextlib import closing, suppress
@@ -11,14 +12,14 @@ import httpx
 import numpy as np
 
 from benchmarks.chaos.cluster import Cluster
-from benchmarks.chaos.ledger import Ledger
-from benchmarks.chaos.verdict import Found
+from benchmarks.chaos.ledger import Ledger, Refined
+from benchmarks.chaos.verdict import Found, history_problems
 from service.http.routes.refinements import ENDED
 from service.metrics import Metrics
 from service.refinement.queue import Refinements
 from service.refinement.scheduler import Scheduler
 from service.refinement.usage import Usage
-from service.store.store import ORPHAN_S, Store, UnknownVerb, Version
+from service.store.store import ORPHAN_S, Event, Store, UnknownVerb, Version
 from verbs import Evaluator
 from verbs.io import artifact
 
@@ -26,7 +27,7 @@ __all__ = ["ENDED", "collected", "inspect", "job_states", "listed"]
 
 LIST_S = 20.0
 """Time in which all servers serve what the store has, seconds."""
-MAX_JOBS = 100_000
+MAX_JOBS = MAX_EVENTS = 100_000
 METRICS = "adverb-metrics-"
 """Start of the name of the temporary folder that stays while servers run."""
 
@@ -42,20 +43,35 @@ def inspect(cluster: Cluster, ledger: Ledger) -> Found:
     with closing(Store.open(cluster.database, str(cluster.data / "artifacts"))) as store:
         current = {verb: version.number for verb, version in store.current().items()}
         verbs = set(current) | {verb for verb, _ in ledger.versions}
-        rows = []
+        rows, disorder = [], []
+        refined: dict[tuple[str, int], Refined] = {}
         for verb in sorted(verbs):
             with suppress(UnknownVerb):  # lost: the check of versions finds it
-                rows += store.versions(verb)
+                own, history = store.versions(verb), store.history(verb, limit=MAX_EVENTS)
+                parents = {row.number: row.parent for row in own if row.parent is not None}
+                disorder += history_problems(verb, history, parents, current.get(verb))
+                refined |= {
+                    (verb, number): Refined(parent, _became_current_s(history, number, ledger))
+                    for number, parent in parents.items()
+                }
+                rows += own
         unreadable = [problem for version in rows if (problem := _problem(store, version))]
         jobs = {row.id: row.state for row in store.jobs(limit=MAX_JOBS) if row.id in ledger.jobs}
     return Found(
         {(row.verb, row.number): row.sha256 for row in rows},
         current,
-        frozenset((row.verb, row.number) for row in rows if row.parent is not None),
+        refined,
+        tuple(disorder),
         tuple(unreadable),
         listed(cluster.base, current),
         jobs,
     )
+
+
+def _became_current_s(history: Iterable[Event], number: int, ledger: Ledger) -> float:
+    """The last time at which a version became current, from the start of the run, seconds; -inf for never."""
+    times_s = [event.at_s for event in history if event.current == event.number == number]
+    return max(times_s, default=-math.inf) - time.time() + ledger.now_s()
 
 
 def _problem(store: Store, version: Version) -> str:

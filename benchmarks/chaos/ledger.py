@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from benchmarks.chaos.plan import Fault
 
-__all__ = ["LATE_S", "Answer", "Happened", "Ledger", "Outage", "Sample", "Stall"]
+__all__ = ["LATE_S", "Answer", "Changes", "Happened", "Ledger", "Outage", "Refined", "Sample", "Stall"]
 
 LATE_S = 15.0
 """Time in which a change whose answer was lost may still take effect, seconds."""
+EVENT_S = 6.0
+"""Largest age of an event's time at its commit, seconds: it waits for locks of the database for up to 5 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +81,17 @@ class Sample:
     files: int
 
 
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """A version that a refinement published: its parent, and when it last became current, from the start, seconds.
+
+    ``at_s`` is -inf for a version that was never current.
+    """
+
+    parent: int
+    at_s: float
+
+
 @dataclass(slots=True)
 class Changes:
     """What may be current for a verb, from the answers that its author got.
@@ -88,21 +102,44 @@ class Changes:
         Versions; None stands for a deleted verb.
     unsure : list of (float, int or None, bool)
         Time and target of changes whose answer was lost; the last is true for a publication, of unknown number.
+    since_s : float
+        When the last acknowledged change was requested.
     """
 
     possible: set[int | None] = field(default_factory=set)
     unsure: list[tuple[float, int | None, bool]] = field(default_factory=list)
+    since_s: float = -math.inf
 
-    def acknowledged(self, at_s: float, current: int | None) -> None:
-        """A change succeeded; only unanswered ones that are recent may come after it."""
+    def acknowledged(self, since_s: float, at_s: float, current: int | None) -> None:
+        """A change that was requested and answered at these times succeeded.
+
+        Only unanswered ones that are recent may come after it.
+        """
         self.unsure = [row for row in self.unsure if row[0] > at_s - LATE_S]
-        self.possible = {current}
+        self.possible, self.since_s = {current}, since_s
 
-    def allows(self, current: int | None, unacknowledged: set[int]) -> bool:
-        """Whether a version may be current; ``unacknowledged`` are those that no author got an answer for."""
+    def allows(self, current: int | None, unacknowledged: set[int], refined: Mapping[int, Refined]) -> bool:
+        """Whether a version may be current.
+
+        Parameters
+        ----------
+        current : int or None
+        unacknowledged : set of int
+            Versions of authors without an answer.
+        refined : mapping of int to Refined
+            A refinement replaces only the version that it refined, and only if that is current. So one counts that
+            became current after the last acknowledged change, and whose parent was allowed.
+        """
+        if not self.possible:
+            return True
         targets = {target for _, target, publishes in self.unsure if not publishes}
         published = unacknowledged if any(publishes for *_, publishes in self.unsure) else set()
-        return not self.possible or current in self.possible | targets | published
+        allowed = self.possible | targets | published
+        while current is not None and current not in allowed and current in refined:
+            if refined[current].at_s < self.since_s - EVENT_S:
+                return False
+            current = refined[current].parent
+        return current in allowed
 
 
 @dataclass(slots=True)
@@ -126,6 +163,8 @@ class Ledger:
     compared: Counter[str] = field(default_factory=Counter)
     worst: dict[str, float] = field(default_factory=dict)
     """Number of poses whose measured value was computed again, and the largest difference, metres, by kind."""
+    doubted: Counter[str] = field(default_factory=Counter)
+    """Number of frames beyond the tolerance that no second frame of the same goal confirmed, by kind."""
     samples: list[Sample] = field(default_factory=list)
     down: list[tuple[float, float]] = field(default_factory=list)
     """Intervals in which no server ran: all were killed, and their restarts pause."""

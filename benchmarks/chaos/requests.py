@@ -63,7 +63,10 @@ class Requester:
         self, base: str, verbs: dict[str, dict[str, Any]], goals: dict[str, Goals], rng: random.Random, ledger: Ledger
     ) -> None:
         self.base, self.verbs, self.goals, self.rng, self.ledger = base, verbs, goals, rng, ledger
-        self._effectors = {name: Effector.of(verb) for name, verb in verbs.items()}
+        self._effectors = {name: found for name, verb in verbs.items() if (found := Effector.of(verb)) is not None}
+        self._joints = {
+            name: verb["skeleton"]["names"].index(verb["measure"]["effector"]) for name, verb in verbs.items()
+        }
         self._kinds: list[Callable[[AsyncClient, str], Awaitable[None]]] = [
             *(3 * [self.pose]), *(2 * [self.poses]), self.sequence, self.listing, self.description, self.quality,
             self.versions,
@@ -127,10 +130,22 @@ class Requester:
             self.ledger.fault(f"{kind} of {verb}: {difference_m:.3g} m beside the value computed on the client")
 
     async def sequence(self, client: AsyncClient, verb: str) -> None:
-        """A whole motion."""
-        found = await client.sequence(verb, self.goals[verb].adverbs(self.rng.getrandbits(10)), fps=30)
+        """A whole motion; its error, and the place of the effector in each frame are computed again."""
+        effector, goal = self._effectors[verb], self.goals[verb].adverbs(self.rng.getrandbits(10))
+        found = await client.sequence(verb, goal, fps=30, full=True)
         if not len(found) or not np.isfinite(found.rotations).all():
             self.ledger.fault(f"a sequence of {verb} has {len(found)} frames, or numbers that are not finite")
+            return
+        if found.measured is None or found.positions is None:
+            self.ledger.fault(f"a sequence of {verb} has no measured value, or no positions")
+            return
+        measured = np.array([found.measured[axis] for axis in "xyz"])
+        if not found.clamped:
+            error_m = float(np.linalg.norm(measured - np.array(list(goal.values()))))
+            self._compare("REST sequence, error", float(np.abs(error_m - found.errors).max()), verb)
+        points = effector.points(found.root.astype(np.float64), found.rotations.astype(np.float64))
+        apart = np.linalg.norm(points - found.positions[:, self._joints[verb]], axis=-1)
+        self._compare("REST sequence, positions", float(apart.max()), verb, len(found))
 
     async def listing(self, client: AsyncClient, verb: str) -> None:
         """The list of verbs; the streamed ones are never deleted."""

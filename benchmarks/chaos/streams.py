@@ -245,10 +245,14 @@ class Watched:
         self._compare(channel.number, abs(apart - record.error), record)
 
     def _compare(self, number: int, difference_m: float, record: Record) -> None:
-        """A difference counts if a later frame has it for the same goal: on a busy machine, a goal arrives late."""
+        """A difference is wrong if a later frame has it for the same goal: on a busy machine, a goal arrives late.
+
+        Without such a frame it is counted as doubted.
+        """
         settled_s, close = self._goal[number][0], difference_m <= TOLERANCES_M[self.plan.encoding]
         if not close and self._doubted.get(number) != settled_s:
             self._doubted[number] = settled_s
+            self.ledger.doubted[f"stream {self.plan.encoding}"] += 1
             return
         self.ledger.compare(f"stream {self.plan.encoding}", difference_m)
         if not close:

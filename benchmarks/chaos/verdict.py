@@ -9,14 +9,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from statistics import median
 
-from benchmarks.chaos.ledger import Answer, Happened, Ledger, Outage, Sample
+from benchmarks.chaos.ledger import Answer, Happened, Ledger, Outage, Refined, Sample
 from benchmarks.chaos.plan import DATABASE, SERVERS, WORKERS
 from benchmarks.chaos.requests import TOLERANCE_M
 from benchmarks.chaos.streams import TOLERANCES_M
+from service.store.records import Event
 
 __all__ = [
     "MORE_FILES", "Check", "Found", "check_answers", "check_files", "check_jobs", "check_log", "check_measured",
-    "check_memory", "check_numbers", "check_streams", "check_versions", "recoveries",
+    "check_memory", "check_numbers", "check_streams", "check_versions", "history_problems", "recoveries",
 ]  # fmt: skip
 
 WINDOW_S = {"server": 10.0, "database": 15.0}
@@ -33,6 +34,8 @@ AGE_S = (8.0, 120.0)
 EARLY, LATE = (0.2, 0.5), (0.7, 1.0)
 """Shares of the run."""
 LEAST_SAMPLES = 3
+LONG_S = 300.0
+"""Length of a run from which every kind of process has enough samples, seconds."""
 MORE_FILES = 8
 """Allowed number of open files beyond those of an idle process and one for each new verb, without files of metrics:
 connections to the database are opened on demand."""
@@ -68,8 +71,10 @@ class Found:
     versions : mapping of (str, int) to str
         SHA-256 of every version.
     current : mapping of str to int
-    refined : set of (str, int)
+    refined : mapping of (str, int) to Refined
         Versions that refinements published.
+    disorder : tuple of str
+        What :func:`history_problems` found.
     unreadable : list of str
         Artifacts that cannot be loaded, or whose poses are not finite.
     listed : mapping of str to mapping
@@ -80,7 +85,8 @@ class Found:
 
     versions: Mapping[tuple[str, int], str]
     current: Mapping[str, int]
-    refined: frozenset[tuple[str, int]]
+    refined: Mapping[tuple[str, int], Refined]
+    disorder: tuple[str, ...]
     unreadable: tuple[str, ...]
     listed: Mapping[str, Mapping[str, int]]
     jobs: Mapping[str, str]
@@ -88,7 +94,7 @@ class Found:
 
 def check_versions(ledger: Ledger, found: Found) -> Check:
     """Nothing acknowledged is lost, everything is readable, and all servers serve what is current."""
-    wrong = list(found.unreadable)
+    wrong = [*found.unreadable, *found.disorder]
     for (verb, number), sha256 in ledger.versions.items():
         have = found.versions.get((verb, number))
         if have != sha256:
@@ -97,11 +103,10 @@ def check_versions(ledger: Ledger, found: Found) -> Check:
             )
     for verb, changes in ledger.changes.items():
         current = found.current.get(verb)
-        unacknowledged = {
-            number for name, number in found.versions if name == verb and (name, number) not in ledger.versions
-        }
-        refined = {number for name, number in found.refined if name == verb}
-        if not changes.allows(current, unacknowledged) and current not in refined:
+        refined = {number: row for (name, number), row in found.refined.items() if name == verb}
+        own = {number for name, number in found.versions if name == verb and number not in refined}
+        unacknowledged = {number for number in own if (verb, number) not in ledger.versions}
+        if not changes.allows(current, unacknowledged, refined):
             wrong.append(f"{verb}: {current} is current; acknowledged was {changes.possible}")
     wrong += [
         f"{server} serves {dict(listed)}, current is {dict(found.current)}"
@@ -110,6 +115,32 @@ def check_versions(ledger: Ledger, found: Found) -> Check:
     ]
     fact = f"{len(ledger.versions)} acknowledged, {len(found.versions)} in the store, all read: hash, artifact, poses"
     return Check.of("versions", fact, wrong)
+
+
+def history_problems(verb: str, events: Iterable[Event], parents: Mapping[int, int], current: int | None) -> list[str]:
+    """What the history of a verb has that may not be.
+
+    Parameters
+    ----------
+    verb : str
+    events : iterable of Event
+        Oldest first.
+    parents : mapping of int to int
+        Of versions that refinements published, the versions that they refined.
+    current : int or None
+        The current version.
+    """
+    wrong, before = [], None
+    for event in events:
+        if event.kind not in ("publish", "activate", "delete"):
+            continue
+        parent = parents.get(event.number)
+        if parent is not None and event.current == event.number and before not in (parent, event.number):
+            wrong.append(f"{verb}: {before} was current when {event.number} replaced it, which refines {parent}")
+        before = event.current
+    if before != current:
+        wrong.append(f"{verb}: {current} is current; its history ends with {before}")
+    return wrong
 
 
 def check_jobs(ledger: Ledger, found: Found, ended: Iterable[str], moving: Iterable[str]) -> Check:
@@ -147,6 +178,9 @@ def check_measured(ledger: Ledger) -> Check:
         f"{kind}: {ledger.compared[kind]}, worst {worst_m:.1e} m (≤ {limits.get(kind, TOLERANCE_M):g})"
         for kind, worst_m in sorted(ledger.worst.items())
     )
+    if ledger.doubted:
+        rows = ", ".join(f"{kind} {count}" for kind, count in sorted(ledger.doubted.items()))
+        fact += f"; single frames beyond that: {rows}"
     return Check.of("measured values", fact, wrong)
 
 
@@ -237,11 +271,13 @@ def check_memory(ledger: Ledger, seconds: float) -> Check:
         pair = memory_ratio(ledger.samples, kind, seconds)
         if pair is None:
             facts.append(f"{kind}: too few samples")
+            if seconds >= LONG_S:
+                wrong.append(f"{kind} was not sampled often enough")
             continue
         facts.append(f"{kind} {pair[0]:.0f} → {pair[1]:.0f} MiB ({pair[1] / pair[0]:.3f})")
         if pair[1] > FLAT * pair[0]:
             wrong.append(f"{kind} grew from {pair[0]:.0f} to {pair[1]:.0f} MiB; a factor of {FLAT:g} is allowed")
-    if all("too few" in fact for fact in facts):
+    if not wrong and all("too few" in fact for fact in facts):
         wrong.append("no process was sampled often enough")
     return Check.of("memory", "; ".join(facts), wrong)
 

@@ -1,23 +1,31 @@
 """`make chaos`: its schedule, each of its checks on a record that is wrong, and a short run of the whole."""
 
+import asyncio
 import dataclasses
+import random
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from benchmarks.chaos import report, verdict
 from benchmarks.chaos.cluster import CannotRun, cluster
-from benchmarks.chaos.ledger import Answer, Changes, Happened, Ledger, Outage, Sample, Stall
+from benchmarks.chaos.ledger import Answer, Changes, Happened, Ledger, Outage, Refined, Sample, Stall
 from benchmarks.chaos.plan import FAULTS, LAST_FAULT_S, OWN, Fault, Plan
+from benchmarks.chaos.requests import Requester
 from benchmarks.chaos.run import run
+from benchmarks.chaos.streams import Watched
 from benchmarks.chaos.verdict import Found
+from service.store.records import Event
 
 SECONDS = 600.0
 FOUND = Found(
     versions={("chaos-0", 1): "a", ("chaos-0", 2): "b"},
     current={"chaos-0": 2},
-    refined=frozenset(),
+    refined={},
+    disorder=(),
     unreadable=(),
     listed={"connection 0": {"chaos-0": 2}},
     jobs={"job": "published"},
@@ -32,7 +40,7 @@ def ledger() -> Ledger:
     """The record of a run in which everything holds."""
     made = Ledger(faults=[KILLED, DOWN, WORKER], messages=10, jobs={"job": "chaos-0"})
     made.versions = {("chaos-0", 1): "a", ("chaos-0", 2): "b"}
-    made.of("chaos-0").acknowledged(50.0, 2)
+    made.of("chaos-0").acknowledged(49.0, 50.0, 2)
     made.compare("REST JSON, measured", 2e-7)
     made.answers = [
         Answer(100.0, 101.0, "pose", "ReadError"),
@@ -97,6 +105,7 @@ def test_everything_holds_for_a_good_record(ledger):
         ({"current": {"chaos-0": 1}, "listed": {"connection 0": {"chaos-0": 1}}}, "1 is current"),
         ({"current": {}, "listed": {"connection 0": {}}}, "None is current"),
         ({"listed": {"connection 0": {"chaos-0": 1}}}, "connection 0 serves"),
+        ({"disorder": ("chaos-0: 1 was current",)}, "1 was current"),
     ],
 )
 def test_versions_fail(ledger, changed, problem):
@@ -105,15 +114,67 @@ def test_versions_fail(ledger, changed, problem):
 
 def test_a_change_without_an_answer_may_have_happened():
     changes = Changes()
-    changes.acknowledged(10.0, 1)
-    assert changes.allows(1, set())
-    assert not changes.allows(None, set())
+    changes.acknowledged(9.0, 10.0, 1)
+    assert changes.allows(1, set(), {})
+    assert not changes.allows(None, set(), {})
     changes.unsure += [(11.0, None, False), (11.0, None, True)]
-    assert changes.allows(None, set())
-    assert changes.allows(3, {3})
-    assert not changes.allows(3, set())
-    changes.acknowledged(100.0, 2)
-    assert not changes.allows(None, set())
+    assert changes.allows(None, set(), {})
+    assert changes.allows(3, {3}, {})
+    assert not changes.allows(3, set(), {})
+    changes.acknowledged(99.0, 100.0, 2)
+    assert not changes.allows(None, set(), {})
+
+
+CHAIN = {"versions": {("chaos-0", k): name for k, name in enumerate("abcd", 1)}}
+
+
+@pytest.mark.parametrize(
+    ("possible", "refined", "current", "allowed"),
+    [
+        (1, {3: Refined(1, 60.0)}, 3, True),
+        (1, {3: Refined(1, 60.0), 4: Refined(3, 70.0)}, 4, True),
+        (1, {3: Refined(1, 40.0)}, 3, False),  # a roll-back to 1 was acknowledged after it
+        (1, {3: Refined(1, 40.0), 4: Refined(3, 70.0)}, 4, False),
+        (1, {3: Refined(2, 60.0)}, 3, False),  # 2 was not current
+        (1, {3: Refined(1, float("-inf"))}, 3, False),
+        (None, {3: Refined(2, 40.0)}, 3, False),  # deleted after it
+        (None, {3: Refined(2, 60.0)}, 3, False),
+    ],
+)
+def test_a_refined_version_is_current_only_after_the_last_change_and_of_what_was_current(
+    ledger, possible, refined, current, allowed
+):
+    ledger.of("chaos-0").acknowledged(49.0, 50.0, possible)
+    rows = {("chaos-0", number): row for number, row in refined.items()}
+    found = replace(FOUND, **CHAIN, refined=rows, current={"chaos-0": current})
+    found = replace(found, listed={"connection 0": {"chaos-0": current}})
+    check = verdict.check_versions(ledger, found)
+    assert not check.wrong if allowed else f"{current} is current" in wrong(check)
+
+
+def test_an_unanswered_upload_does_not_excuse_a_refined_version(ledger):
+    changes = ledger.of("chaos-0")
+    changes.acknowledged(49.0, 50.0, 1)
+    changes.unsure.append((51.0, None, True))
+    found = replace(FOUND, **CHAIN, refined={("chaos-0", 3): Refined(2, 40.0)}, current={"chaos-0": 3})
+    assert "3 is current" in wrong(verdict.check_versions(ledger, found))
+
+
+def history(*rows):
+    """Events of kind, version, and what is current then."""
+    return [Event("v", kind, number, current, "ada", "", float(at)) for at, (kind, number, current) in enumerate(rows)]
+
+
+def test_a_history_has_refinements_only_of_what_was_current():
+    good = history(("publish", 1, 1), ("refine", 1, 1), ("publish", 2, 2), ("activate", 1, 1), ("publish", 3, 1))
+    assert verdict.history_problems("v", good, {2: 1, 3: 2}, 1) == []
+    (problem,) = verdict.history_problems("v", good, {2: 1, 3: 2}, 3)
+    assert "ends with 1" in problem
+    undone = history(("publish", 1, 1), ("publish", 2, 2), ("activate", 1, 1), ("activate", 3, 3))
+    (problem,) = verdict.history_problems("v", undone, {3: 2}, 3)
+    assert problem == "v: 1 was current when 3 replaced it, which refines 2"
+    deleted = history(("publish", 1, 1), ("delete", 1, None), ("publish", 2, 2))
+    assert "None was current" in " ".join(verdict.history_problems("v", deleted, {2: 1}, 2))
 
 
 def test_refinements_fail_that_are_lost_or_stuck(ledger):
@@ -128,6 +189,54 @@ def test_measured_values_fail_beyond_the_tolerance(ledger, difference_m):
     ledger.compare("REST JSON, measured", difference_m)
     assert "REST JSON" in wrong(verdict.check_measured(ledger))
     assert "no pose" in wrong(verdict.check_measured(Ledger()))
+
+
+VERB = {
+    "measure": {"kind": "joint_position", "adverbs": ["x", "y", "z"], "effector": "hand", "keytime": "apex"},
+    "skeleton": {"parents": [-1, 0], "names": ["hips", "hand"], "offsets": [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]},
+    "keytime_names": ["apex"],
+    "keytime_phases": [0.5],
+}
+
+
+class Motion(SimpleNamespace):
+    """A sequence of two frames, in which the hand is one metre above the hips."""
+
+    def __len__(self):
+        return 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "problem"),
+    [
+        ({}, ""),
+        ({"errors": np.array([0.1, 0.1])}, "REST sequence, error"),
+        (
+            {"positions": np.array([[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[0.0, 0.0, 0.0], [0.0, 1.1, 0.0]]])},
+            "positions",
+        ),
+        ({"measured": None}, "no measured value"),
+    ],
+)
+def test_sequences_are_measured_again(ledger, changed, problem):
+    identity = np.tile(np.float32([0, 0, 0, 1]), (2, 2, 1))
+    found = {
+        "root": np.zeros((2, 3), np.float32),
+        "rotations": identity,
+        "positions": np.tile(np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), (2, 1, 1)),
+        "measured": {"x": 0.0, "y": 1.0, "z": 0.0},
+        "errors": np.array([0.5, 0.5]),
+        "clamped": False,
+    }
+
+    async def sequence(*_, **__):
+        return Motion(**found | changed)
+
+    goals = {"v": SimpleNamespace(adverbs=lambda _: {"x": 0.0, "y": 1.5, "z": 0.0})}
+    requester = Requester("", {"v": VERB}, goals, random.Random(1), ledger)
+    asyncio.run(requester.sequence(SimpleNamespace(sequence=sequence), "v"))
+    assert (problem in " ".join(ledger.wrong)) if problem else not ledger.wrong
+    assert problem or ledger.compared["REST sequence, positions"] == 2
 
 
 def test_gaps_and_silence_fail(ledger):
@@ -196,7 +305,36 @@ def test_memory_compares_processes_of_similar_age(ledger):
     young = [replace(row, rss_mib=500.0, uptime_s=1.0) for row in ledger.samples if row.kind == "server"]
     ledger.samples += young
     assert not verdict.check_memory(ledger, SECONDS).wrong
-    assert "no process" in wrong(verdict.check_memory(Ledger(), SECONDS))
+    assert "no process" in wrong(verdict.check_memory(Ledger(), 60.0))
+
+
+@pytest.mark.parametrize("kind", ["parent", "server", "worker"])
+def test_memory_fails_without_samples_of_a_kind_in_a_long_run(ledger, kind):
+    ledger.samples = [row for row in ledger.samples if row.kind != kind]
+    assert f"{kind} was not sampled" in wrong(verdict.check_memory(ledger, SECONDS))
+
+
+class Held(Watched):
+    """A held stream without a connection."""
+
+    def __init__(self, ledger):
+        self.ledger, self.number, self.plan = ledger, 3, Plan.of(1, SECONDS, 1).streams[0]
+        self.plan = replace(self.plan, encoding="f32")
+        self._goal, self._doubted = {1: (10.0, [0.0])}, {}
+
+    def _story(self):
+        return ""
+
+
+def test_a_single_frame_beyond_the_tolerance_is_counted_and_a_second_one_fails(ledger):
+    held, record = Held(ledger), SimpleNamespace(version=1)
+    for difference_m in (1.0, 1e-7):
+        held._compare(1, difference_m, record)
+    check = verdict.check_measured(ledger)
+    assert not check.wrong
+    assert "single frames beyond that: stream f32 1" in check.fact
+    held._compare(1, 1.0, record)
+    assert "stream f32" in wrong(verdict.check_measured(ledger))
 
 
 def test_files_fail_that_stay():

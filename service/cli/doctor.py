@@ -231,54 +231,91 @@ def _exposure(settings: Settings) -> Iterator[Finding]:
     elif settings.allow_public or settings.keys == "off":
         advice = "make a key (adverb keys create), and unset ADVERB_ALLOW_PUBLIC"
         yield Finding("exposure", WARNING, "other machines can use the server, perhaps without a key", advice)
+    elif not _has_keys(settings):
+        found = f"no key is valid, so a server on {settings.host} does not start"
+        yield Finding("exposure", FAILED, found, "make a key: adverb keys create --scope pose")
     else:
         yield Finding("exposure", GOOD, "other machines can reach the server, with a key")
+
+
+def _has_keys(settings: Settings) -> bool:
+    """Whether a server on a public address starts: it needs a key that is valid, tokens, or keys from the start.
+
+    A database that cannot be used counts as one with keys, as at the start; other checks report it.
+    """
+    from service.store.keys import Keys
+    from service.store.migrations import LAYOUT
+    from service.store.records import StoreError
+    from service.store.tables import Database
+
+    if settings.keys == "required" or settings.jwt_jwks is not None:
+        return True
+    try:
+        database = Database(settings.database, timeout_s=5.0)
+        try:
+            if database.missing:
+                return False
+            now_s = time.time()
+            return database.layout() != LAYOUT or any(key.valid_at(now_s) for key in Keys(database).listed())
+        finally:
+            database.close()
+    except StoreError:
+        return True
 
 
 def _stored(settings: Settings) -> Iterator[Finding]:
     """Database, artifacts, clock and keys; what does not exist yet is not created."""
     from service.store.migrations import LAYOUT
     from service.store.records import StoreError
-    from service.store.store import Store
     from service.store.tables import Database
 
-    folder = settings.data
-    assert folder is not None
-    if settings.database_url is None and not (folder / "state.db").is_file():
-        yield Finding("database", GOOD, "there is none yet; the first start creates it")
-        yield from _clock(None)
-        return
     started_s = time.monotonic()
     try:
         database = Database(settings.database, timeout_s=5.0)
         try:
-            layout = database.layout()
+            layout = None if database.missing else database.layout()
         finally:
             database.close()
-        if layout != LAYOUT:
-            older = layout is None or layout < LAYOUT
-            found = "there are no tables yet" if layout is None else f"its tables have layout {layout}, not {LAYOUT}"
-            advice = "the next start changes that; back up before" if older else "use the newer Adverb that made it"
-            yield Finding("database", WARNING if older else FAILED, found, advice)
-            yield from _clock(None)
-            return
-        store = Store.open(settings.database, settings.artifacts)
     except StoreError as err:
         advice = "start it, correct ADVERB_DATABASE_URL, or give access to the file"
         yield Finding("database", FAILED, f"it cannot be used: {err}", advice)
         yield from _clock(None)
         return
-    try:
-        took_ms = 1e3 * (time.monotonic() - started_s)
+    took_ms = 1e3 * (time.monotonic() - started_s)
+    if database.missing:
+        yield Finding("database", GOOD, "there is none yet; the first start creates it")
+    elif layout != LAYOUT:
+        older = layout is None or layout < LAYOUT
+        found = "there are no tables yet" if layout is None else f"its tables have layout {layout}, not {LAYOUT}"
+        advice = "the next start changes that; back up before" if older else "use the newer Adverb that made it"
+        yield Finding("database", WARNING if older else FAILED, found, advice)
+    else:
         kind = "SQLite" if settings.database_url is None else settings.database.partition(":")[0]
         yield Finding("database", GOOD, f"{kind} answers within {took_ms:.0f} ms")
-        yield from _artifacts(store)
-        yield from _clock(store)
-        yield from _keys(store)
-    except StoreError as err:
-        yield Finding("database", FAILED, str(err), "see the message")
-    finally:
-        store.close()
+        yield from _rows(settings)
+        return
+    yield from _clock(None)
+
+
+def _rows(settings: Settings) -> Iterator[Finding]:
+    """Artifacts, clock and keys of a store that exists."""
+    from service.store.records import StoreError
+    from service.store.store import Store
+
+    with tempfile.TemporaryDirectory() as cache:
+        try:
+            store = Store.existing(settings.database, settings.artifacts, cache=Path(cache))
+        except StoreError as err:
+            yield Finding("artifacts", FAILED, str(err), "correct ADVERB_ARTIFACTS")
+            return
+        try:
+            yield from _artifacts(store)
+            yield from _clock(store)
+            yield from _keys(store)
+        except StoreError as err:
+            yield Finding("database", FAILED, str(err), "see the message")
+        finally:
+            store.close()
 
 
 def _artifacts(store: Store) -> Iterator[Finding]:

@@ -74,8 +74,10 @@ class Blobs(Protocol):
         ...
 
 
-def open_blobs(address: str, *, cache: Path | None = None) -> Blobs:
+def open_blobs(address: str, *, cache: Path | None = None, create: bool = True) -> Blobs:
     """Open the storage at an address: a folder, ``file://…`` or ``s3://bucket/prefix`` (also gs, az, memory).
+
+    A missing folder is created, unless ``create`` is false.
 
     Raises
     ------
@@ -86,14 +88,14 @@ def open_blobs(address: str, *, cache: Path | None = None) -> Blobs:
     """
     scheme, colon, _ = address.partition("://")
     if not colon:
-        return Folder(Path(address))
+        return Folder(Path(address), create=create)
     if scheme == "file":
-        return Folder(Path(unquote(urlsplit(address).path)))
+        return Folder(Path(unquote(urlsplit(address).path)), create=create)
     if scheme not in SCHEMES:
         known = ", ".join(f"{name}://" for name in ("file", *SCHEMES))
         raise BadAddress(f"artifacts are stored in a folder or at {known}, not at '{scheme:.40}://'")
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return Bucket(_object_store(address), Folder(cache or home / "adverb"))
+    return Bucket(_object_store(address), Folder(cache or home / "adverb", create=create))
 
 
 class Folder:
@@ -102,16 +104,18 @@ class Folder:
     Parameters
     ----------
     root : Path
-        Created if missing; raises :class:`StoreUnavailable` if it cannot be.
+    create : bool
+        Whether to create the folder if it is missing; raises :class:`StoreUnavailable` if it cannot be.
     """
 
     cache: Folder | None = None
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, *, create: bool = True) -> None:
         self.root = root.absolute()
         self._checked: dict[str, tuple[int, int, int]] = {}
-        with translated("the artifact folder cannot be created"):
-            _make(self.root)
+        if create:
+            with translated("the artifact folder cannot be created"):
+                _make(self.root)
 
     def put(self, source: Path, at: At) -> Blob:
         """Copy a file atomically: temporary name, fsync, rename to its hash, fsync of the folder.

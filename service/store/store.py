@@ -129,6 +129,14 @@ class Store:
             raise
         return cls(database, blobs, clock=clock)
 
+    @classmethod
+    def existing(cls, database_url: str, artifacts: str, *, cache: Path) -> Store:
+        """Open a store that exists, with tables of this layout, without a change to either.
+
+        ``cache`` is a folder that exists. Errors are those of :meth:`open`.
+        """
+        return cls(Database(database_url, timeout_s=5.0), open_blobs(artifacts, cache=cache, create=False))
+
     @property
     def available(self) -> bool:
         """Whether the last contact with the database worked."""

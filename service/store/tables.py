@@ -197,6 +197,11 @@ class Database:
             elif layout < LAYOUT:
                 upgrade(connection, layout)
 
+    @property
+    def missing(self) -> bool:
+        """Whether it is a file that does not exist; a connection would create it."""
+        return self.sqlite and not Path(str(self.url.database)).is_file()
+
     def layout(self) -> int | None:
         """Layout of the tables, without a change to them; None where there are none."""
         with self.transaction() as connection:

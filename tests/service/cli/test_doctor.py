@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import socket
 import sqlite3
 import time
@@ -12,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from service.cli.doctor import findings
+from service.run.listener import CannotServe, listen
 from service.settings import Settings
 from service.store.store import Store
 from tests.service.access.conftest import added
@@ -50,6 +52,43 @@ def test_a_folder_in_order_has_no_failures(settings, store):
 
 def test_a_new_folder_is_left_alone(settings):
     assert states(settings)["database"] == ("ok", "there is none yet; the first start creates it")
+    assert list(settings.data.iterdir()) == []
+
+
+def test_nothing_is_created(settings, store):
+    store.close()
+    database = sqlite3.connect(settings.data / "state.db")
+    database.execute("DROP TABLE adverb_drafts")
+    database.commit()
+    shutil.rmtree(settings.artifacts)
+    before = sorted(path.name for path in settings.data.iterdir())
+    state, found = states(settings)["artifacts"]
+    assert state == "failed"
+    assert "is missing" in found
+    assert sorted(path.name for path in settings.data.iterdir()) == before
+    assert database.execute("SELECT name FROM sqlite_master WHERE name = 'adverb_drafts'").fetchone() is None
+    database.close()
+    other = settings.model_copy(update={"database_url": f"sqlite:///{settings.data}/other.db"})
+    assert states(other)["database"] == ("ok", "there is none yet; the first start creates it")
+    assert not (settings.data / "other.db").exists()
+
+
+def test_a_public_address_needs_a_valid_key(settings, store):
+    public = settings.model_copy(update={"host": "0.0.0.0"})
+    assert states(public)["exposure"] == ("failed", "no key is valid, so a server on 0.0.0.0 does not start")
+    key = added(store.keys, "pose")
+    assert states(public)["exposure"] == ("ok", "other machines can reach the server, with a key")
+    store.keys.revoke(key.split("_")[1])
+    assert states(public)["exposure"][0] == "failed"
+    with pytest.raises(CannotServe):
+        listen(public)
+    for allowed in ({"keys": "required"}, {"jwt_jwks": "https://issuer/keys"}):
+        assert states(public.model_copy(update=allowed))["exposure"][0] == "ok"
+
+
+def test_a_public_address_needs_a_key_before_the_first_start(settings):
+    public = settings.model_copy(update={"host": "0.0.0.0"})
+    assert states(public)["exposure"][0] == "failed"
     assert list(settings.data.iterdir()) == []
 
 

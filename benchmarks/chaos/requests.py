@@ -132,7 +132,7 @@ class Requester:
     async def sequence(self, client: AsyncClient, verb: str) -> None:
         """A whole motion; its error, and the place of the effector in each frame are computed again."""
         effector, goal = self._effectors[verb], self.goals[verb].adverbs(self.rng.getrandbits(10))
-        found = await client.sequence(verb, goal, fps=30, full=True)
+        found = await client.sequence(verb, goal, fps=30, full=True, space="global")
         if not len(found) or not np.isfinite(found.rotations).all():
             self.ledger.fault(f"a sequence of {verb} has {len(found)} frames, or numbers that are not finite")
             return
@@ -143,7 +143,7 @@ class Requester:
         if not found.clamped:
             error_m = float(np.linalg.norm(measured - np.array(list(goal.values()))))
             self._compare("REST sequence, error", float(np.abs(error_m - found.errors).max()), verb)
-        points = effector.points(found.root.astype(np.float64), found.rotations.astype(np.float64))
+        points = effector.global_points(found.root.astype(np.float64), found.rotations.astype(np.float64))
         apart = np.linalg.norm(points - found.positions[:, self._joints[verb]], axis=-1)
         self._compare("REST sequence, positions", float(apart.max()), verb, len(found))
 

@@ -61,6 +61,13 @@ class Effector:
             position = position + _rotate(rotation, offset)
         return position
 
+    def global_points(self, root: Numbers, rotations: Numbers) -> Numbers:
+        """The same from global rotations."""
+        position = root
+        for joint, offset in zip(self.chain, self.offsets, strict=True):
+            position = position + _rotate(rotations[..., joint, :], offset)
+        return position
+
     def errors(self, goals: Numbers, root: Numbers, rotations: Numbers) -> Numbers:
         """Distance (...,) between goals (..., 3) and the effector."""
         return np.asarray(np.linalg.norm(self.points(root, rotations) - goals, axis=-1))

@@ -1,6 +1,7 @@
 """Write docs/reliability.md: each promise, the tests that show it, and their last figures; `make reliability`.
 
-The tests run here; figures of fuzzing and of chaos are taken from the tables of their last recorded runs.
+The tests run here; figures of fuzzing and of chaos are taken from the tables of recorded runs: for chaos, of the
+section "Last run" of docs/chaos.md. A check that fails in the section "One hour" is stated beside the figure.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from benchmarks.timing import machine
 
 PROJECT = Path(__file__).resolve().parents[1]
 FILE = PROJECT / "docs" / "reliability.md"
+FAILS = "**fails**: "
 START, END = "<!-- table: start -->", "<!-- table: end -->"
 
 Figure = Callable[["Results"], str]
@@ -34,6 +36,7 @@ class Results:
     skipped: Counter[str] = field(default_factory=Counter)
     properties: dict[str, list[str]] = field(default_factory=dict)
     chaos: dict[str, str] = field(default_factory=dict)
+    hour: dict[str, str] = field(default_factory=dict)
     chaos_head: str = ""
     fuzz: list[tuple[int, int]] = field(default_factory=list)
     idle: idle.Idle | None = None
@@ -50,8 +53,15 @@ class Promise:
 
 
 def of_chaos(check: str) -> Figure:
-    """What the last recorded run of chaos found in one of its checks."""
-    return lambda found: found.chaos[check]
+    """What the last recorded run of chaos found in one of its checks, and the hour where it fails there."""
+
+    def figure(found: Results) -> str:
+        text = found.chaos[check]
+        if found.hour.get(check, "").startswith(FAILS):
+            text += f"; [one hour](chaos.md#one-hour) fails this check: {found.hour[check].removeprefix(FAILS)}"
+        return text
+
+    return figure
 
 
 def fuzzed(found: Results) -> str:
@@ -190,14 +200,19 @@ def read_runs(found: Results) -> None:
     fuzz = (PROJECT / "docs" / "fuzz.md").read_text(encoding="utf-8")
     for row in re.findall(r"^\| \w+ \|.*\| ([\d,]+) \| \d+ \| \d+ \| \d+ \| (\d+) \|$", fuzz, re.MULTILINE):
         found.fuzz.append((int(row[0].replace(",", "")), int(row[1])))
-    chaos = (PROJECT / "docs" / "chaos.md").read_text(encoding="utf-8").partition("## Last run")[2]
-    found.chaos = {
-        name: ("" if holds == "holds" else "**fails**: ") + text
-        for name, holds, text in re.findall(r"^\| ([\w ]+) \| (holds|\*\*fails\*\*) \| (.*) \|$", chaos, re.MULTILINE)
-    }
-    found.chaos_head = next((line for line in chaos.splitlines() if line.startswith("`")), "")
+    chaos = (PROJECT / "docs" / "chaos.md").read_text(encoding="utf-8")
+    found.chaos, found.chaos_head = run_of(chaos, "Last run")
+    found.hour, _ = run_of(chaos, "One hour")
     if not found.fuzz or not found.chaos:
         raise ValueError("docs/fuzz.md or docs/chaos.md has no recorded run; run make fuzz and make chaos with --write")
+
+
+def run_of(document: str, title: str) -> tuple[dict[str, str], str]:
+    """Figures of the run in a section of docs/chaos.md, by check, and its first line; both empty without one."""
+    section = document.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| ([\w ]+) \| (holds|\*\*fails\*\*) \| (.*) \|$", section, re.MULTILINE)
+    figures = {name: ("" if holds == "holds" else FAILS) + text for name, holds, text in rows}
+    return figures, next((line for line in section.splitlines() if line.startswith("`")), "")
 
 
 def row_of(promise: Promise, found: Results) -> str:
@@ -214,7 +229,9 @@ def row_of(promise: Promise, found: Results) -> str:
 
 def text_of(found: Results) -> str:
     """The tables."""
-    parts = [f"Tests: {time.strftime('%Y-%m-%d')}, {machine()}. Chaos: {found.chaos_head}"]
+    parts = [
+        f"Tests: {time.strftime('%Y-%m-%d')}, {machine()}. Chaos, [last run](chaos.md#last-run): {found.chaos_head}"
+    ]
     for title, rows in SECTIONS.items():
         parts += ["", f"## {title}", "", "| promise | shown by | last figure |", "| --- | --- | --- |"]
         parts += [row_of(promise, found) for promise in rows]

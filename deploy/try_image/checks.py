@@ -72,19 +72,19 @@ def _enter(namespace: int) -> None:
         raise OSError(ctypes.get_errno(), "setns")
 
 
-def until(holds: Callable[[], Any], what: str, *, seconds: float = 120.0, pause_s: float = 0.2) -> Any:
+def until(condition: Callable[[], Any], what: str, *, seconds: float = 120.0, pause_s: float = 0.2) -> Any:
     """Wait until something holds, and return it; TrialError after some seconds."""
     end = time.monotonic() + seconds
-    while not (found := holds()):
+    while not (found := condition()):
         if time.monotonic() > end:
             raise TrialError(f"not within {seconds:.0f} s: {what}")
         time.sleep(pause_s)
     return found
 
 
-def right(holds: Any, what: str) -> None:
+def require(condition: Any, what: str) -> None:
     """TrialError unless something holds."""
-    if not holds:
+    if not condition:
         raise TrialError(what)
 
 
@@ -99,15 +99,15 @@ def hardened(trial: Trial) -> str:
                 for row in Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
                 if ":\t" in row
             )
-            right(status["Uid"].split()[0] != "0", f"{name}: process {pid} is root")
-            right(
+            require(status["Uid"].split()[0] != "0", f"{name}: process {pid} is root")
+            require(
                 int(status["CapEff"], 16) == int(status["CapBnd"], 16) == 0, f"{name}: process {pid} has capabilities"
             )
-            right(status["NoNewPrivs"] == "1", f"{name}: process {pid} could gain privileges")
+            require(status["NoNewPrivs"] == "1", f"{name}: process {pid} could gain privileges")
         root = next(row for row in trial.inside(name, "cat", "/proc/1/mounts").splitlines() if row.split()[1] == "/")
-        right(root.split()[3].split(",")[0] == "ro", f"{name}: the root file system can be written")
+        require(root.split()[3].split(",")[0] == "ro", f"{name}: the root file system can be written")
     for name in trial.containers["server"] + trial.containers["worker"]:
-        right(trial.inside(name, "id", "-u") == "10001", f"{name}: another user than 10001")
+        require(trial.inside(name, "id", "-u") == "10001", f"{name}: another user than 10001")
     return f"{len(names)} containers: no root, no capabilities, no new privileges, read-only root"
 
 
@@ -115,10 +115,10 @@ def page(trial: Trial) -> str:
     """The proxy forwards page, API and readiness, and hides metrics."""
     with trial.beside_proxy(), httpx.Client(base_url=trial.url, timeout=20) as client:
         html = client.get("/", headers={"Accept": "text/html"})
-        right(html.status_code == 200 and "<script" in html.text, f"page: {html.status_code} {html.text[:200]}")
-        right(client.get("/readyz").status_code == 200, "/readyz")
-        right(client.get("/metrics").status_code == 404, "/metrics can be read through the proxy")
-        right(
+        require(html.status_code == 200 and "<script" in html.text, f"page: {html.status_code} {html.text[:200]}")
+        require(client.get("/readyz").status_code == 200, "/readyz")
+        require(client.get("/metrics").status_code == 404, "/metrics can be read through the proxy")
+        require(
             client.get("/livez", headers={"Host": "stranger.example"}).status_code in (400, 403, 421),
             "any Host is served",
         )
@@ -132,7 +132,7 @@ def pose(trial: Trial) -> str:
         found = client.pose(VERB, dict(zip("xyz", goal.tolist(), strict=True)), phase=verb.keytimes["apex"])
     hand = verb.skeleton.positions(found.root, found.rotations)[verb.skeleton.index("RightHand")]
     again = float(np.linalg.norm(hand - goal))
-    right(
+    require(
         found.error is not None and abs(again - found.error) < 1e-5, f"error {found.error} m, measured here {again} m"
     )
     return f"error {found.error} m, measured here {again} m"
@@ -145,7 +145,7 @@ def stream(trial: Trial) -> str:
         channel.aim([-0.2, 1.3, 0.4])
         until(lambda: connection.stats.messages >= 120, "120 messages of a stream", seconds=30)
         stats, round_trip = connection.stats, connection.ping()
-        right(channel.pose() is not None, "no pose of the stream")
+        require(channel.pose() is not None, "no pose of the stream")
     counts = f"{stats.messages} messages, {stats.missing} missing, {stats.dropped} dropped"
     return f"{counts}, round trip {1e3 * round_trip:.1f} ms"
 
@@ -162,9 +162,9 @@ def upload(trial: Trial) -> str:
         content = file.read_bytes()
         began = time.monotonic()
         answer = client.post("/v1/verbs", content=content, headers={"Content-Type": "application/octet-stream"})
-        right(answer.status_code == 201, f"upload: {answer.status_code} {answer.text}")
+        require(answer.status_code == 201, f"upload: {answer.status_code} {answer.text}")
         took_s = time.monotonic() - began
-        right(client.get("/v1/verbs/uploaded/versions/1").content == content, "the artifact has other bytes")
+        require(client.get("/v1/verbs/uploaded/versions/1").content == content, "the artifact has other bytes")
     _everywhere(trial, "uploaded", 1)
     return f"{len(content) / 1e3:.0f} kB in {took_s:.2f} s, on every server"
 
@@ -185,19 +185,19 @@ def refinement(trial: Trial) -> str:
 
         until(lambda: row()["state"] in ended, "a refinement ends", seconds=300)
         found = row()
-    right(found["state"] == "published", f"refinement: {found}")
+    require(found["state"] == "published", f"refinement: {found}")
     logs = {name: trial.podman.run("logs", name) for name in trial.containers["worker"]}
     ran = [name for name, log in logs.items() if job["id"] in log.stdout + log.stderr]
-    right(ran, "no worker logged the refinement")
+    require(ran, "no worker logged the refinement")
     _everywhere(trial, REFINED, found["version_after"])
     return f"published version {found['version_after']} in {time.monotonic() - began:.1f} s by {', '.join(ran)}"
 
 
 def _everywhere(trial: Trial, verb: str, version: int) -> None:
-    ask = f"from urllib.request import urlopen; print(urlopen('http://127.0.0.1:8000/v1/verbs/{verb}').read().decode())"
+    program = f"from urllib.request import urlopen; print(urlopen('http://127.0.0.1:8000/v1/verbs/{verb}').read().decode())"
 
     def served(name: str) -> bool:
-        text = trial.inside(name, "python", "-c", ask, check=False)
+        text = trial.inside(name, "python", "-c", program, check=False)
         return bool(text) and json.loads(text)["version"] == version
 
     for name in trial.containers["server"]:
@@ -217,7 +217,7 @@ def scraped(trial: Trial) -> str:
     until(lambda: up() == wanted, f"Prometheus scrapes {len(wanted)} servers", seconds=60, pause_s=1)
     groups = trial.fetched(name, f"{api}/rules")["data"]["groups"]
     rules = [rule for group in groups for rule in group["rules"]]
-    right(rules and all(rule["health"] != "err" for rule in rules), f"rules: {rules}")
+    require(rules and all(rule["health"] != "err" for rule in rules), f"rules: {rules}")
 
     def poses() -> list[Any]:
         return list(trial.fetched(name, f"{api}/query?query=sum(adverb_poses_total)")["data"]["result"])
@@ -229,13 +229,13 @@ def scraped(trial: Trial) -> str:
 def server_lost(trial: Trial) -> str:
     """One server is killed: the proxy answers from the others."""
     victim, *others = trial.containers["server"]
-    right(others, "a single server is no cluster")
+    require(others, "a single server is no cluster")
     trial.podman.run("kill", "--signal=KILL", victim)
     with trial.beside_proxy(), httpx.Client(base_url=trial.url, timeout=20) as client:
         answers = [client.get("/v1/verbs").status_code for _ in range(100)]
     trial.podman.remove(victim)
     trial.containers["server"].remove(victim)
-    right(set(answers) == {200}, f"answers after a server died: {answers}")
+    require(set(answers) == {200}, f"answers after a server died: {answers}")
     return "100 of 100 requests answered after a server was killed"
 
 
@@ -248,7 +248,7 @@ def drained(trial: Trial) -> str:
             trial.podman.run("stop", name)
             took[service] = max(took.get(service, 0.0), time.monotonic() - began)
             code = trial.podman.inspect(name)["State"]["ExitCode"]
-            right(code == 0, f"{name}: exit code {code} after SIGTERM")
+            require(code == 0, f"{name}: exit code {code} after SIGTERM")
     return ", ".join(f"{name} {seconds:.1f} s" for name, seconds in took.items())
 
 

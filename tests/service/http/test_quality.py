@@ -8,12 +8,12 @@ from verbs import library
 pytestmark = pytest.mark.anyio
 
 
-async def ask(client, verb="arm3", **query):
+async def post(client, verb="arm3", **query):
     return await client.get(f"/v1/verbs/{verb}/quality", params=query)
 
 
 async def test_a_map_holds_what_poses_say(client):
-    reply = (await ask(client, method="rbf", nodes=9)).json()
+    reply = (await post(client, method="rbf", nodes=9)).json()
     assert (reply["across"], reply["up"], reply["unit"], reply["held"]) == ("x", "y", "m", {})
     assert len(reply["rows"]) == len(reply["columns"]) == 9
     row, column = 4, 3
@@ -26,13 +26,13 @@ async def test_a_map_holds_what_poses_say(client):
 
 
 async def test_corrected_is_exact_where_rbf_is_not(client):
-    means = {method: (await ask(client, method=method)).json()["error_mean"] for method in ("rbf", "corrected")}
+    means = {method: (await post(client, method=method)).json()["error_mean"] for method in ("rbf", "corrected")}
     assert means["corrected"] < 1e-8
     assert means["rbf"] > 0.01
 
 
 async def test_support_is_that_of_poses(client):
-    reply = (await ask(client, "arm3", nodes=9)).json()
+    reply = (await post(client, "arm3", nodes=9)).json()
     values = [value for row in reply["support"] for value in row if value is not None]
     assert reply["support_min"] == min(values)
     assert reply["support_mean"] == pytest.approx(np.mean(values))
@@ -43,15 +43,15 @@ async def test_support_is_that_of_poses(client):
 
 
 async def test_other_adverbs_are_held(client):
-    reply = (await ask(client, "reach", across="z", up="x", at="y=1.5", nodes=5)).json()
+    reply = (await post(client, "reach", across="z", up="x", at="y=1.5", nodes=5)).json()
     assert (reply["across"], reply["up"], reply["held"]) == ("z", "x", {"y": 1.5})
-    middle = (await ask(client, "reach", nodes=5)).json()
+    middle = (await post(client, "reach", nodes=5)).json()
     reach = library.load("reach").adverbs[2]
     assert middle["held"] == {"z": pytest.approx(0.5 * (reach.minimum + reach.maximum))}
 
 
 async def test_nodes_outside_the_domain_are_null(client):
-    reply = (await ask(client, "reach", nodes=21)).json()
+    reply = (await post(client, "reach", nodes=21)).json()
     corners = [reply["error"][row][column] for row in (0, -1) for column in (0, -1)]
     assert corners == [None] * 4
     assert reply["smoothness"][10][10] is not None
@@ -74,6 +74,6 @@ async def test_nodes_outside_the_domain_are_null(client):
     ],
 )
 async def test_wrong_questions_are_told_so(client, query, code):
-    answer = await ask(client, "reach", **query)
+    answer = await post(client, "reach", **query)
     assert 400 <= answer.status_code < 500
     assert answer.json()["code"] == code

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.anyio
 ENDS = [{"x": 0.3, "y": 0.5}, {"x": 0.6, "y": 0.1}]
 
 
-async def ask(client, verb="arm3", headers=None, **body):
+async def post(client, verb="arm3", headers=None, **body):
     answer = await client.post(f"/v1/verbs/{verb}/sequence", json=body, headers=headers)
     assert answer.status_code == 200, answer.text
     return answer
@@ -27,14 +27,14 @@ async def ask(client, verb="arm3", headers=None, **body):
 
 @pytest.mark.parametrize("fps", [1.0, 24.0, 30.0, 59.94, 240.0])
 async def test_frames_stand_at_multiples_up_to_the_end(client, fps):
-    reply = (await ask(client, adverbs=ARM, fps=fps)).json()
+    reply = (await post(client, adverbs=ARM, fps=fps)).json()
     last = np.floor(reply["duration"] * fps + 1e-6)
     assert reply["frames"] == len(reply["rotations"]) == last + 1
     np.testing.assert_allclose(reply["times"], np.arange(last + 1) / fps, atol=1e-12)
 
 
 async def test_each_frame_is_the_pose_at_its_time(client):
-    reply = (await ask(client, adverbs=ARM, fps=12, space="global", joints=["Tip"], weights=True)).json()
+    reply = (await post(client, adverbs=ARM, fps=12, space="global", joints=["Tip"], weights=True)).json()
     for k in (0, 5, reply["frames"] - 1):
         body = {"adverbs": ARM, "time": reply["times"][k], "space": "global", "joints": ["Tip"], "weights": True}
         pose = (await client.post("/v1/verbs/arm3/pose", json=body)).json()
@@ -48,7 +48,7 @@ async def test_each_frame_is_the_pose_at_its_time(client):
 
 
 async def test_a_loop_runs_for_its_cycles_and_walks_on(client):
-    reply = (await ask(client, verb="sway", adverbs=SWAY, cycles=3)).json()
+    reply = (await post(client, verb="sway", adverbs=SWAY, cycles=3)).json()
     assert reply["duration"] == pytest.approx(3 * reply["times"][-1] / reply["phases"][-1], rel=0.05)
     assert 2.9 < reply["phases"][-1] <= 3.0
     steps = np.linalg.norm(np.diff(np.array(reply["root"])[:, ::2], axis=0), axis=1)
@@ -59,9 +59,9 @@ async def test_a_loop_runs_for_its_cycles_and_walks_on(client):
 
 async def test_a_track_that_stays_is_the_sequence(client):
     for verb, adverbs, cycles in (("arm3", ARM, 1), ("sway", SWAY, 3)):
-        plain = (await ask(client, verb=verb, adverbs=adverbs, cycles=cycles)).json()
+        plain = (await post(client, verb=verb, adverbs=adverbs, cycles=cycles)).json()
         track = [{"time": 0.1, "adverbs": adverbs}, {"time": 0.7, "adverbs": adverbs}]
-        tracked = (await ask(client, verb=verb, track=track, cycles=cycles)).json()
+        tracked = (await post(client, verb=verb, track=track, cycles=cycles)).json()
         assert tracked["frames"] == plain["frames"]
         for column in ("times", "phases", "root", "rotations"):
             np.testing.assert_allclose(tracked[column], plain[column], atol=1e-6)
@@ -69,7 +69,7 @@ async def test_a_track_that_stays_is_the_sequence(client):
 
 async def test_a_track_has_an_error_and_a_support_per_frame(client):
     track = [{"time": k / 2, "adverbs": adverbs} for k, adverbs in enumerate(ENDS)]
-    reply = (await ask(client, track=track, method="rbf")).json()
+    reply = (await post(client, track=track, method="rbf")).json()
     assert len(reply["errors"]) == reply["frames"]
     assert reply["error"] == max(reply["errors"])
     assert len(reply["supports"]) == reply["frames"]
@@ -101,8 +101,8 @@ def test_events_of_a_sequence_are_the_blended_keytimes(catalog):
 
 
 async def test_binary_frames_equal_json_and_the_last_is_flagged(client):
-    reply = (await ask(client, adverbs=ARM)).json()
-    answer = await ask(client, adverbs=ARM, headers={"Accept": "application/octet-stream"})
+    reply = (await post(client, adverbs=ARM)).json()
+    answer = await post(client, adverbs=ARM, headers={"Accept": "application/octet-stream"})
     records = records_of(answer.content, 4)
     np.testing.assert_array_equal(records["rotations"], np.float32(reply["rotations"]))
     np.testing.assert_array_equal(records["time"], np.float32(reply["times"]))
@@ -111,10 +111,10 @@ async def test_binary_frames_equal_json_and_the_last_is_flagged(client):
 
 
 async def test_bvh_reads_back_as_the_same_motion(client, catalog):
-    answer = await ask(client, verb="sway", adverbs=SWAY, cycles=2, headers={"Accept": "text/x-bvh"})
+    answer = await post(client, verb="sway", adverbs=SWAY, cycles=2, headers={"Accept": "text/x-bvh"})
     assert answer.headers["content-type"] == "text/x-bvh; charset=utf-8"
     motion = bvh.parse(answer.text)
-    reply = (await ask(client, verb="sway", adverbs=SWAY, cycles=2)).json()
+    reply = (await post(client, verb="sway", adverbs=SWAY, cycles=2)).json()
     assert motion.skeleton.names == catalog.entry("sway").verb.skeleton.names
     np.testing.assert_allclose(motion.root, reply["root"], atol=2e-6)
     signs = np.sign((motion.rotations * reply["rotations"]).sum(axis=-1, keepdims=True))
@@ -145,20 +145,20 @@ async def test_a_file_of_some_joints_is_refused(media_type, form, client):
 async def test_each_file_reads_back_as_the_json_motion(media_type, track, client, tmp_path):
     form = FILES[media_type]
     body = {"track": [{"time": k / 2, "adverbs": row} for k, row in enumerate(ENDS)]} if track else {"adverbs": ARM}
-    answer = await ask(client, **body, headers={"Accept": media_type})
+    answer = await post(client, **body, headers={"Accept": media_type})
     assert answer.headers["content-type"].split(";")[0] == media_type
     assert answer.headers["content-disposition"] == f'attachment; filename="arm3.{form}"'
     (tmp_path / f"a.{form}").write_bytes(answer.content)
     motion = motion_files.read(tmp_path / f"a.{form}").motion
-    reply = (await ask(client, **body)).json()
+    reply = (await post(client, **body)).json()
     assert (motion.fps, len(motion)) == (30.0, reply["frames"])
     np.testing.assert_allclose(motion.root, reply["root"], atol=1e-6)
     np.testing.assert_allclose(np.abs((motion.rotations * reply["rotations"]).sum(axis=-1)), 1.0, atol=1e-6)
 
 
 async def test_a_glb_has_a_body_on_request_and_names_its_verb(client, catalog):
-    plain = await ask(client, adverbs=ARM, headers={"Accept": "model/gltf-binary"})
-    shown = await ask(client, adverbs=ARM, mannequin=True, headers={"Accept": "model/gltf-binary"})
+    plain = await post(client, adverbs=ARM, headers={"Accept": "model/gltf-binary"})
+    shown = await post(client, adverbs=ARM, mannequin=True, headers={"Accept": "model/gltf-binary"})
     assert b'"meshes"' not in plain.content
     assert b'"meshes"' in shown.content
     (length,) = struct.unpack_from("<I", plain.content, 12)
@@ -176,7 +176,7 @@ async def test_a_vrm_animation_of_no_humanoid_is_refused_with_the_bones_it_lacks
 
 async def test_a_vrm_animation_of_a_humanoid(client):
     goal = {"x": -0.3, "y": 1.2, "z": 0.4}
-    answer = await ask(client, verb="reach", adverbs=goal, headers={"Accept": "application/x-vrma"})
+    answer = await post(client, verb="reach", adverbs=goal, headers={"Accept": "application/x-vrma"})
     assert answer.headers["content-disposition"] == 'attachment; filename="reach.vrma"'
     assert b'"VRMC_vrm_animation":{"specVersion":"1.0"' in answer.content
 

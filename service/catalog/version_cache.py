@@ -74,12 +74,13 @@ class EntryCache:
         return await asyncio.shield(task)  # a cancelled request does not stop what others wait for
 
     async def _load(self, key: Key, find: Callable[[], Path]) -> Entry:
+        path = await run_in_thread(find)
+
         def load() -> tuple[Entry, Stamp | None]:
-            path = find()
             stamp = _stamp(path)
             return Entry.of_verb(artifact.load(path), path=path, version=key[1]), stamp
 
-        async with self._turn:
+        async with self._turn:  # not while the store is searched, which may take seconds
             entry, _ = self._entries[key] = await run_in_thread(load)
         while len(self._entries) > self._size:
             self._entries.popitem(last=False)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
 
 import anyio
 from fastapi import FastAPI
+from fastapi.telemetry import TelemetryConfig
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 
@@ -22,6 +24,9 @@ from service.settings import Settings, origins_of
 from service.state import ServerState, Supervise
 from service.stream import endpoint
 from service.upload.builder import Sandboxes
+
+if TYPE_CHECKING:
+    from opentelemetry.sdk.trace import TracerProvider
 
 __all__ = ["create_app"]
 
@@ -61,15 +66,7 @@ def create_app(
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
-        telemetry={
-            "tracing": provider is not None,
-            "tracer_provider": provider,
-            "operation_spans": False,
-            "exclude": lambda scope: scope["path"] in UNTRACED,
-            "metrics": False,
-            "logs": False,
-            "auto_configure": False,
-        },
+        telemetry=_telemetry(provider),
         middleware=[
             Middleware(Observe, metrics=state.metrics),
             *([_cors(origins)] if origins else []),
@@ -95,6 +92,19 @@ def create_app(
     errors.install(app)
     openapi.install(app)
     return app
+
+
+def _telemetry(provider: TracerProvider | None) -> TelemetryConfig:
+    """Trace requests where a provider is set; nothing else is exported."""
+    return {
+        "tracing": provider is not None,
+        "tracer_provider": provider,
+        "operation_spans": False,
+        "exclude": lambda scope: scope["path"] in UNTRACED,
+        "metrics": False,
+        "logs": False,
+        "auto_configure": False,
+    }
 
 
 def _cors(origins: frozenset[str]) -> Middleware:

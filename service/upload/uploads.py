@@ -8,7 +8,6 @@ from collections.abc import AsyncIterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import IO
 
 from service.catalog.store_sync import StoreSync
 from service.compute import run_in_own_thread
@@ -20,12 +19,8 @@ from service.upload.builder import Builder
 
 __all__ = ["Uploads", "receive"]
 
-
 RECEIVE_S = 1800.0
 """Longest time for receiving an upload, seconds."""
-
-BLOCK_BYTES = 1 << 20
-"""Bytes that are written at once."""
 
 
 async def receive(chunks: AsyncIterator[bytes], path: Path) -> None:
@@ -37,21 +32,12 @@ async def receive(chunks: AsyncIterator[bytes], path: Path) -> None:
         file = await run_in_own_thread(lambda: path.open("xb"))
         try:
             async with asyncio.timeout(RECEIVE_S):
-                await _copy(chunks, file)
+                async for chunk in chunks:
+                    await run_in_own_thread(partial(file.write, chunk))
         except TimeoutError:
             raise BadUpload(f"it was not received within {RECEIVE_S:g} s") from None
         finally:
             await run_in_own_thread(file.close)
-
-
-async def _copy(chunks: AsyncIterator[bytes], file: IO[bytes]) -> None:
-    block = bytearray()
-    async for chunk in chunks:
-        block += chunk
-        if len(block) >= BLOCK_BYTES:
-            await run_in_own_thread(partial(file.write, block))
-            block = bytearray()  # a thread may still read the other one
-    await run_in_own_thread(partial(file.write, block))
 
 
 def _kept(upload: Path) -> Path | None:

@@ -194,7 +194,9 @@ def refinement(trial: Trial) -> str:
 
 
 def _everywhere(trial: Trial, verb: str, version: int) -> None:
-    program = f"from urllib.request import urlopen; print(urlopen('http://127.0.0.1:8000/v1/verbs/{verb}').read().decode())"
+    program = (
+        f"from urllib.request import urlopen; print(urlopen('http://127.0.0.1:8000/v1/verbs/{verb}').read().decode())"
+    )
 
     def served(name: str) -> bool:
         text = trial.inside(name, "python", "-c", program, check=False)

@@ -92,7 +92,7 @@ async def test_a_motion_and_its_file_are_on_the_skeleton(client, tmp_path):
 @pytest.mark.parametrize("name", PRESETS)
 async def test_a_vrm_animation_of_a_skeleton_has_its_bones(client, name):
     headers = {"Accept": "application/x-vrma"}
-    file = await ask(client, route="sequence", adverbs=GOAL, fps=30, map=name, headers=headers)
+    file = await post(client, route="sequence", adverbs=GOAL, fps=30, map=name, headers=headers)
     assert b'"leftUpperArm":{"node":' in file.content
     assert preset(name).skeleton.names[preset(name).roles.bones["leftUpperArm"]].encode() in file.content
 

@@ -33,9 +33,12 @@ PHRASES = {
     r"\bno trouble\b|\bway round\b|\blast words\b|\bbreathe\b": "use the technical term",
     r"\bdrawn back to\b": "moved to (the nearest point of the domain)",
     r"\bgoes on\b|\bgo on\b": "continues",
+    r"\b(says|tells|believes?)\b": "states, shows, reports; means, trusts",
+    r"\blets? go\b": "leaves, releases, ends",
+    r"\b(does|do) not know\b": "lacks, has no, is unknown to",
     r"\bhow far off\b|\bhow far it is from\b": "the error",
 }
-"""Phrases in texts, and what to say instead."""
+"""Phrases in texts, and what to write instead."""
 
 _EXEMPT = {"tests/test_words.py", "CHANGELOG.md", "tests/service/store/test_migrations.py"}
 _SUFFIXES = {".py", ".ts", ".md", ".toml", ".yml", ".css"}
@@ -74,7 +77,15 @@ def test_replaced_phrases_are_gone():
 
 
 @pytest.mark.parametrize(
-    "line", ["asked = 1", "def aim(self, told): ...", "# nobody listens", "the goal that was asked", "it goes on"]
+    "line",
+    [
+        "asked = 1",
+        "def aim(self, told): ...",
+        "# nobody listens",
+        "the goal that was asked",
+        "it goes on",
+        "the file says",
+    ],
 )
 def test_the_check_finds_them(line):
     names = NAMES.keys() & identifiers(line)

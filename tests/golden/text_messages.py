@@ -66,7 +66,7 @@ SERVER: list[Json] = [
     },
     {"op": "error", "channel": 3, "code": "unknown_adverb", "detail": "no adverb 'q'; known: x"},
     {"op": "error", "channel": None, "code": "unknown_session", "detail": "no session 'k3J-x_9'"},
-    {"op": "error", "channel": None, "code": "of_tomorrow", "detail": "a code that this client does not know"},
+    {"op": "error", "channel": None, "code": "of_tomorrow", "detail": "a code of a later server"},
     {"op": "drain", "detail": "the server is stopping", "reconnect_after_s": 1.5},
 ]
 CLIENT: list[Json] = [

@@ -155,7 +155,7 @@ def _pairs(measure: Measure) -> list[tuple[int, AdverbMeasure]]:
 
 
 def _measured(axis: int, row: AdverbMeasure) -> dict[str, Any]:
-    """The measure of one adverb, as JSON values; readers that do not know it find a verb without a measure."""
+    """The measure of one adverb, as JSON values; readers without it find a verb without a measure."""
     return {
         "adverb": axis,
         "kind": row.kind,

@@ -1,4 +1,4 @@
-"""The doctor finds what is wrong, and says what to do."""
+"""``adverb doctor``: problems of a machine and a data folder, each with its remedy."""
 
 from __future__ import annotations
 

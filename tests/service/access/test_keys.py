@@ -7,6 +7,7 @@ import io
 import json
 import logging
 import time
+from contextlib import contextmanager
 
 import pytest
 import structlog
@@ -17,6 +18,8 @@ from websockets.exceptions import ConnectionClosed
 from service.access.keys import FORM, hash_of, id_of, matches, new
 from service.app import create_app
 from service.cli.keys import app as commands
+from service.http import evaluation
+from service.run import logs
 from service.run.listener import CannotServe, listen
 from service.settings import Settings
 from service.store.keys import open_keys
@@ -116,37 +119,66 @@ async def test_the_first_key_closes_an_open_server_for_good(tmp_path):
         server.stop()
 
 
-@pytest.mark.anyio
-async def test_a_key_is_never_logged(tmp_path, capfd):
+@contextmanager
+def logged(**settings):
+    """What is logged in the format of the settings, by all but the clients of this test."""
     output = io.StringIO()
-    handler = logging.StreamHandler(output)
-    handler.addFilter(lambda record: not record.name.startswith(("websockets.client", "httpx", "httpcore")))
     root = logging.getLogger()
     before = root.level, list(root.handlers), structlog.get_config()["processors"]
-    root.setLevel(logging.DEBUG)
-    store = open_keys(f"sqlite:///{tmp_path / 'state.db'}")
-    key = added(store, "pose")
     try:
-        from service.run import logs
-
-        logs.configure(Settings(log_level="debug"))
+        logs.configure(Settings(**settings))
+        handler = logging.StreamHandler(output)
+        handler.setFormatter(root.handlers[0].formatter)
+        handler.addFilter(lambda record: not record.name.startswith(("websockets.client", "httpx", "httpcore")))
         root.handlers[:] = [handler]
-        server = Kept(data=tmp_path, refiners=0, log_level="debug").start(PATIENCE_S)
-        async with client_of(server) as client:
-            assert (await client.get("/v1/verbs", headers=bearer(key))).status_code == 200
-            assert (await client.get("/v1/audit", headers=bearer(key))).status_code == 403
-        async with connect(server.url, subprotocols=["adverb.v1", f"adverb.bearer.{key}"]) as stream:
-            await stream.send("no JSON")
-            await stream.recv()
-        server.stop()
+        yield output
     finally:
         root.setLevel(before[0])
         root.handlers[:] = before[1]
         structlog.configure(processors=before[2])
-        store.close()
-    logged = output.getvalue() + "".join(capfd.readouterr())
-    assert logged
-    assert key.split("_", 2)[2] not in logged
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("log_json", [False, True], ids=["text", "json"])
+async def test_a_key_is_never_logged(tmp_path, capfd, monkeypatch, log_json):
+    store = open_keys(f"sqlite:///{tmp_path / 'state.db'}")
+    key = added(store, "pose")
+
+    def fails(*_, **__):
+        raise RuntimeError("a fault of the server")
+
+    monkeypatch.setattr(evaluation, "pose", fails)
+    with logged(log_level="debug", log_json=log_json) as output:
+        server = Kept(data=tmp_path, refiners=0).start(PATIENCE_S)
+        async with client_of(server) as client:
+            assert (await client.get("/v1/verbs", headers=bearer(key))).status_code == 200
+            assert (await client.get("/v1/audit", headers=bearer(key))).status_code == 403
+            body = {"adverbs": {"x": 0.125875}}
+            answer = await client.post("/v1/verbs/arm3/pose", headers=bearer(key), json=body)
+            assert answer.status_code == 500
+        async with connect(server.url, subprotocols=["adverb.v1", f"adverb.bearer.{key}"]) as stream:
+            await stream.send("no JSON")
+            await stream.recv()
+        server.stop()
+    store.close()
+    found = output.getvalue() + "".join(capfd.readouterr())
+    assert "a fault of the server" in found
+    assert key.split("_", 2)[2] not in found
+    assert "0.125875" not in found
+
+
+@pytest.mark.parametrize("log_json", [False, True], ids=["text", "json"])
+def test_control_characters_are_escaped(log_json):
+    hostile = "\x1b]0;title\x07\x9b2J\rforged\n2026-01-01 [info] forged"
+    with logged(log_json=log_json) as output:
+        try:
+            raise ValueError(hostile)
+        except ValueError:
+            structlog.get_logger("adverb").exception(f"failed {hostile}", path=hostile.replace(" ", "_"))
+        logging.getLogger("uvicorn.error").error("of a library: %s", hostile)
+    assert output.getvalue().count("forged") >= 6
+    assert not {"\x1b", "\x07", "\x9b", "\r"} & set(output.getvalue())
+    assert "\n2026-01-01_[info]_forged" not in output.getvalue()
 
 
 @pytest.mark.anyio

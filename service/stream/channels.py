@@ -83,16 +83,21 @@ class Channels:
         form = Form.of(request)
         layout = group.layout(form)
         vmc = None if request.vmc is None else self._sender(request.vmc, entry)
-        slot = group.characters.add(
-            request.adverbs,
-            phase=request.phase,
-            speed=request.speed,
-            playing=request.play,
-            looping=request.loop,
-            half_life_s=request.half_life,
-            following=request.follow,
-            plant=request.plant,
-        )
+        try:
+            slot = group.characters.add(
+                request.adverbs,
+                phase=request.phase,
+                speed=request.speed,
+                playing=request.play,
+                looping=request.loop,
+                half_life_s=request.half_life,
+                following=request.follow,
+                plant=request.plant,
+            )
+        except Exception:
+            if vmc is not None:
+                vmc.close()
+            raise
         channel = Channel(
             *(request.channel, session, group, slot, request.fps, layout, form),
             events=request.events,

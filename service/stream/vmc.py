@@ -67,7 +67,7 @@ class Receivers:
 
 
 class Sender:
-    """Sends the poses of one channel; counted from its first pose to :meth:`close`.
+    """Sends the poses of one channel; counted until :meth:`close`.
 
     Parameters
     ----------

@@ -88,6 +88,8 @@ async def test_only_the_operators_receivers_can_be_chosen(serve, receiver):
                 assert "stage" in error["detail"]
             await client.send("open", channel=1, verb="arm3", vmc="stage")
             assert "no humanoid" in (await client.until("error"))["detail"]
+            await client.send("open", channel=1, verb="reach", vmc="stage", adverbs={"unknown": 1.0})
+            assert (await client.until("error"))["code"] == "unknown_adverb"
             assert server.state.hub.channels.receivers.senders == 0
 
 

@@ -16,7 +16,7 @@ from service import errors, tracing
 from service.catalog.catalog import Catalog
 from service.compute import run_in_own_thread
 from service.http import openapi
-from service.http.authentication import Authenticate
+from service.http.authentication import Authenticate, LimitAddresses
 from service.http.guard import Guard, allowed_names
 from service.http.middleware import BodyLimit, Observe
 from service.http.routes import audit, drafts, examples, health, pages, poses, quality, refinements, verbs, versions
@@ -70,6 +70,7 @@ def create_app(
         middleware=[
             Middleware(Observe, metrics=state.metrics),
             *([_cors(origins)] if origins else []),
+            *([Middleware(LimitAddresses, limits=state.limits)] if state.limits.counts("address") else []),
             Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts), origins=origins),
             Middleware(
                 Authenticate,

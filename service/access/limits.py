@@ -13,7 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol, cast
+from typing import Any, Literal, Protocol, cast
 
 import structlog
 from limits import RateLimitItem, RateLimitItemPerDay, WindowStats, parse_many
@@ -30,6 +30,8 @@ MAX_COUNTED = 100_000
 
 RETRY_STORAGE_S = 5.0
 """Time for which requests are counted in memory after the shared storage failed, seconds."""
+
+Counted = Literal["key", "address"]
 
 log = structlog.get_logger("adverb.access")
 
@@ -60,8 +62,10 @@ class Limits:
     """
 
     def __init__(self, settings: Settings) -> None:
-        self._of_key = parse_many(settings.rate_per_key) if settings.rate_per_key else []
-        self._of_address = parse_many(settings.rate_per_address) if settings.rate_per_address else []
+        self._rates: dict[Counted, list[RateLimitItem]] = {
+            "key": parse_many(settings.rate_per_key) if settings.rate_per_key else [],
+            "address": parse_many(settings.rate_per_address) if settings.rate_per_address else [],
+        }
         daily = settings.refine_s_per_day
         self._refining = None if daily is None else RateLimitItemPerDay(int(daily))
         self._streams = {"key": settings.streams_per_key, "address": settings.streams_per_address}
@@ -71,29 +75,23 @@ class Limits:
         self._shared = _shared(settings.rate_storage, self._pool)
         self._shared_again_s = 0.0
 
-    @property
-    def counts_requests(self) -> bool:
-        """Whether requests are limited."""
-        return bool(self._of_key or self._of_address)
+    def counts(self, kind: Counted) -> bool:
+        """Whether requests are limited per key, or per address."""
+        return bool(self._rates[kind])
 
     @property
     def counts_in_memory(self) -> bool:
         """Whether requests are counted in the memory of this process, for now."""
         return self._shared is None or time.monotonic() < self._shared_again_s
 
-    def count(self, caller: Caller, address: str) -> None:
-        """Count a request in memory; raises :class:`TooManyRequests`."""
-        for item, kind, name in self._counted(caller, address):
-            self._count(item, kind, name, 1, "requests")
-
-    async def request(self, caller: Caller, address: str) -> None:
-        """Count a request; raises :class:`TooManyRequests`."""
-        for item, kind, name in self._counted(caller, address):
+    async def request(self, kind: Counted, name: str) -> None:
+        """Count a request of a key (its id) or of an address; raises :class:`TooManyRequests`."""
+        if self.counts_in_memory:
+            for item in self._rates[kind]:
+                self._count(item, kind, name, 1, "requests")
+            return
+        for item in self._rates[kind]:
             await self._hit(item, kind, name, 1, "requests")
-
-    def _counted(self, caller: Caller, address: str) -> list[tuple[RateLimitItem, str, str]]:
-        of_key = [(item, "key", caller.id) for item in self._of_key] if caller.id else []
-        return [*of_key, *((item, "address", address) for item in self._of_address)]
 
     async def refine(self, caller: Caller, address: str, budget_s: float) -> None:
         """Count the budget of a refinement; raises :class:`TooManyRequests`."""

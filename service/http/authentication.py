@@ -10,7 +10,7 @@ from service.access.limits import Limits, address_of
 from service.errors import NotReady, ServiceError, Unauthenticated
 from service.http.guard import refuse
 
-__all__ = ["Authenticate"]
+__all__ = ["Authenticate", "LimitAddresses"]
 
 SUBPROTOCOL = "adverb.bearer."
 """Prefix of the subprotocol by which a browser sends a key."""
@@ -18,6 +18,29 @@ SUBPROTOCOL = "adverb.bearer."
 _UNSCOPED = (scopes.OPEN, scopes.ANY, scopes.METRICS, scopes.DOCS)
 
 _WITHOUT = {"WWW-Authenticate": 'Bearer realm="adverb"'}
+
+
+class LimitAddresses:
+    """Answer 429 to an address beyond its rate, whatever it sends; nothing else about a request is looked at before.
+
+    Parameters
+    ----------
+    app : ASGI application
+    limits : Limits
+    """
+
+    def __init__(self, app: ASGIApp, *, limits: Limits) -> None:
+        self.app, self._limits = app, limits
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Count one request or handshake, and pass it on."""
+        if scope["type"] in ("http", "websocket"):
+            try:
+                await self._limits.request("address", address_of(scope))
+            except ServiceError as err:
+                await refuse(err, scope, receive, send)
+                return
+        await self.app(scope, receive, send)
 
 
 class Authenticate:
@@ -28,14 +51,14 @@ class Authenticate:
     app : ASGI application
     access : Access
     limits : Limits
-        Requests are counted per caller, and answered with 429 beyond.
+        Requests are counted per key, and answered with 429 beyond.
     open_metrics, open_docs : bool
         Whether these need no key.
     """
 
     def __init__(self, app: ASGIApp, *, access: Access, limits: Limits, open_metrics: bool, open_docs: bool) -> None:
         self.app, self._access = app, access
-        self._limits = limits if limits.counts_requests else None
+        self._limits = limits if limits.counts("key") else None
         self._open = {scopes.OPEN}
         self._open |= ({scopes.METRICS} if open_metrics else set()) | ({scopes.DOCS} if open_docs else set())
 
@@ -44,19 +67,12 @@ class Authenticate:
         if scope["type"] in ("http", "websocket"):
             try:
                 caller = scope[CALLER] = self._known(scope) or await self._caller(scope)
-                if self._limits is not None:
-                    await self._count(self._limits, caller, address_of(scope))
+                if self._limits is not None and caller.id:
+                    await self._limits.request("key", caller.id)
             except ServiceError as err:
                 await refuse(err, scope, receive, send)
                 return
         await self.app(scope, receive, send)
-
-    @staticmethod
-    async def _count(limits: Limits, caller: Caller, address: str) -> None:
-        if limits.counts_in_memory:
-            limits.count(caller, address)
-        else:
-            await limits.request(caller, address)
 
     def _known(self, scope: Scope) -> Caller | None:
         """The caller, where no key is needed or the key was found before; else None."""

@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import Any, Literal, Protocol, cast
 
 import structlog
@@ -27,6 +28,9 @@ __all__ = ["Limits", "address_of"]
 
 MAX_COUNTED = 100_000
 """Largest number of keys and addresses that are counted in memory; beyond, counting begins anew."""
+
+MAX_ADDRESS = 64
+"""Longest text that is counted as an address."""
 
 RETRY_STORAGE_S = 5.0
 """Time for which requests are counted in memory after the shared storage failed, seconds."""
@@ -45,12 +49,23 @@ class _Shared(Protocol):
 
 
 def address_of(scope: Scope) -> str:
-    """Address of a client: of IPv6 the network (/64), which one client has as a whole."""
+    """Address of a client: of IPv6 the network (/64), which one client has as a whole.
+
+    A socket for both families has the IPv4 address of a client inside an IPv6 address.
+    """
     client = scope.get("client")
-    if client is None:
-        return "unknown"
-    host = str(client[0])
-    return host if ":" not in host else str(ipaddress.ip_network(f"{host.partition('%')[0]}/64", strict=False))
+    return "unknown" if client is None else _network(str(client[0]))
+
+
+@lru_cache(maxsize=4096)
+def _network(host: str) -> str:
+    if ":" not in host:
+        return host[:MAX_ADDRESS]
+    try:
+        address = ipaddress.IPv6Address(host.partition("%")[0])
+    except ValueError:  # of a proxy's header
+        return host[:MAX_ADDRESS]
+    return str(address.ipv4_mapped or ipaddress.IPv6Network((address, 64), strict=False))
 
 
 class Limits:

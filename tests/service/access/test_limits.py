@@ -58,6 +58,11 @@ async def test_each_key_and_each_address_has_its_own_count():
         ("2001:db8:1:2:3::4", "2001:db8:1:2::/64"),
         ("2001:db8:1:2::9", "2001:db8:1:2::/64"),
         ("fe80::1%eth0", "fe80::/64"),
+        ("::ffff:10.1.2.3", "10.1.2.3"),
+        ("x:y:z", "x:y:z"),
+        ("10.1.2.3:80", "10.1.2.3:80"),
+        (":" * 1_000, ":" * 64),
+        ("x" * 1_000, "x" * 64),
     ],
 )
 def test_an_ipv6_client_is_its_network(host, address):
@@ -95,6 +100,19 @@ async def test_refused_requests_count_for_their_address(catalog, headers, status
     async with client_of_app(app_of(catalog, keys="required", rate_per_address="3/minute")) as client:
         answers = [(await client.post("/v1/verbs", headers=headers)).status_code for _ in range(5)]
     assert answers == [status] * 3 + [429] * 2
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(("trusted", "statuses"), [(None, [200, 429, 429]), ("127.0.0.1", [200, 200, 429])])
+async def test_a_client_states_its_address_only_through_a_trusted_proxy(serve, monkeypatch, trusted, statuses):
+    monkeypatch.delenv("FORWARDED_ALLOW_IPS", raising=False)
+    if trusted is not None:
+        monkeypatch.setenv("FORWARDED_ALLOW_IPS", trusted)
+    with serve(rate_per_address="1/hour") as server:
+        async with client_of(server) as client:
+            stated = ("10.0.0.1", "x:y:z", "x:y:z")
+            answers = [await client.get("/v1/verbs", headers={"X-Forwarded-For": one}) for one in stated]
+    assert [answer.status_code for answer in answers] == statuses
 
 
 @pytest.mark.anyio

@@ -289,7 +289,12 @@ class Settings(BaseSettings):
     ] = 10.0
     stream_slow_s: Annotated[
         float,
-        Field(gt=0, le=600, description="Time after which a client that reads nothing is disconnected, seconds."),
+        Field(
+            gt=0,
+            le=600,
+            description="Time after which a client that reads nothing is disconnected, seconds; of responses, the "
+            "interval in which a client must read 1,000 bytes a second on average.",
+        ),
     ] = 30.0
     shutdown_s: Annotated[
         int, Field(ge=0, le=600, description="Longest wait for running requests at shutdown, seconds.")

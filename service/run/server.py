@@ -141,7 +141,7 @@ def _allow_files(count: int) -> None:
 
 def config_of(app: FastAPI, settings: Settings) -> uvicorn.Config:
     """The settings of uvicorn that were measured best for this app."""
-    protocol = type("Http", (BoundedHttp,), {"patience_s": settings.request_s})
+    protocol = type("Http", (BoundedHttp,), {"patience_s": settings.request_s, "slow_s": settings.stream_slow_s})
     return uvicorn.Config(
         app,
         loop="uvloop",

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import socket
 import time
 
 import pytest
 
 from service.run.http_protocol import HEAD_BYTES
+from tests.service.stream.conftest import eventually
 
 PATIENCE_S = 30.0
 
 
 @pytest.fixture(scope="module")
 def server(serve):
-    with serve(request_s=0.5) as server:
+    with serve(request_s=0.5, stream_slow_s=0.5) as server:
         yield server
 
 
@@ -25,11 +27,17 @@ def dialled(server) -> socket.socket:
 
 def answer_of(connection: socket.socket) -> bytes:
     """All bytes until the server closes the connection."""
-    found = b""
+    found = bytearray()
     with contextlib.suppress(ConnectionResetError):
-        while part := connection.recv(65_536):
+        read_all(connection, found)
+    return bytes(found)
+
+
+def read_all(connection: socket.socket, found: bytearray | None = None) -> None:
+    """Read until the server closes the connection."""
+    while part := connection.recv(65_536):
+        if found is not None:
             found += part
-    return found
 
 
 @pytest.mark.parametrize("start", [b"", b"GET /livez HTTP/1.1\r\nHost: localhost\r\n"], ids=["nothing", "half a head"])
@@ -123,3 +131,66 @@ def test_an_idle_connection_outlives_those_of_proxies(server):
         connection.settimeout(PATIENCE_S)
         connection.sendall(request)
         assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")
+
+
+def asking(cycles: int, *, close: bool = False) -> bytes:
+    """A request for a motion of so many cycles, some 220 kB each; the kernel holds up to 4 MB."""
+    body = json.dumps({"adverbs": {"slope": 0.0, "damage": 0.5}, "fps": 240, "cycles": cycles}).encode()
+    return (
+        b"POST /v1/verbs/walk/sequence HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        b"Accept: application/octet-stream\r\nConnection: %s\r\nContent-Length: %d\r\n\r\n%s"
+        % (b"close" if close else b"keep-alive", len(body), body)
+    )
+
+
+LARGE = asking(13)
+"""A request for 2.8 MB."""
+
+
+def dialled_narrow(server) -> socket.socket:
+    """A connection whose client has a small buffer."""
+    connection = socket.socket()
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
+    connection.settimeout(PATIENCE_S)
+    connection.connect(("127.0.0.1", server.port))
+    return connection
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("request_bytes", [LARGE * 2, LARGE + asking(13, close=True), asking(1) * 40], ids=len)
+async def test_a_client_that_does_not_read_is_disconnected(server, request_bytes):
+    """Large responses, one after which the connection is closed, and many small ones."""
+    connections = server.uvicorn.server_state.connections
+    await eventually(lambda: not connections)
+    with dialled_narrow(server) as connection:
+        connection.sendall(request_bytes)
+        await eventually(lambda: any(one.transport.get_write_buffer_size() for one in list(connections)))
+        await eventually(lambda: not connections)
+
+
+@pytest.mark.anyio
+async def test_an_idle_client_that_has_not_read_all_is_disconnected(serve, monkeypatch):
+    """What is left is in the kernel, which would hold it for minutes."""
+    monkeypatch.setattr("service.run.server.KEEP_ALIVE_S", 0.2)
+    with serve() as server, dialled_narrow(server) as connection:
+        connection.sendall(asking(1))
+        await eventually(lambda: server.uvicorn.server_state.total_requests)
+        await eventually(lambda: not server.uvicorn.server_state.connections)
+        with pytest.raises(ConnectionResetError):
+            read_all(connection)
+
+
+def test_a_client_that_reads_slowly_gets_the_whole_response(server):
+    started, found = time.monotonic(), b""
+    with dialled_narrow(server) as connection:
+        connection.sendall(LARGE + asking(13, close=True))
+        while part := connection.recv(65_536):
+            if len(found) // 65_536 < len(found + part) // 65_536:
+                time.sleep(0.05)
+            found += part
+    head, _, rest = found.partition(b"\r\n\r\n")
+    length = int(next(line for line in head.lower().split(b"\r\n") if line.startswith(b"content-length: ")).split()[1])
+    assert length > 2_800_000
+    assert len(rest.partition(b"HTTP/1.1 200 ")[0]) == length
+    assert len(found) == 2 * (len(head) + 4 + length) + len(b"connection: close\r\n")
+    assert time.monotonic() - started > 4 * server.settings.stream_slow_s

@@ -12,6 +12,7 @@ from service import wire
 from service.catalog.catalog import Entry
 from service.errors import BadBody, BatchTooLarge
 from service.http.mapped import COST_US, PREPARE_US, mapped_poses, prepared
+from service.http.negotiation import parsed
 from service.http.request_models import BatchRequest, Options, PoseRequest, SequenceRequest
 from service.http.response_json import Evaluated, Motion
 from service.state import ServerState
@@ -86,12 +87,19 @@ async def pose(
     return found
 
 
-def json_batch(state: ServerState, request: BatchRequest, query: Mapping[str, Any]) -> Batch:
-    """Batch of a JSON body."""
+def json_batch(state: ServerState, content: bytes, query: Mapping[str, Any]) -> Batch:
+    """Batch of a JSON body.
+
+    Parsing blocks other requests, so a body with more objects than the largest batch is refused before.
+    """
+    most, advice = state.settings.max_batch_json, "in JSON; for more, send rows of float32"
+    if content.count(b"{") > 1 + 2 * most:
+        raise BatchTooLarge(f"at most {most} poses are allowed {advice}", limit=most)
+    request = parsed(content, BatchRequest)
     given = [name for name, value in query.items() if value is not None]
     if given:
         raise RequestError(f"'{given[0]}' is in the query; with a JSON body it belongs in the body")
-    _check_size(len(request.items), state.settings.max_batch_json, "in JSON; for more, send rows of float32")
+    _check_size(len(request.items), most, advice)
     timed = {item.get("time") is not None for item in request.items}
     phased = any(item.get("phase") is not None for item in request.items)
     if len(timed) == 2 or (True in timed and phased):

@@ -27,6 +27,7 @@ __all__ = [
     "header",
     "if_match",
     "media_type",
+    "parsed",
     "read",
     "read_model",
     "sliced",
@@ -101,8 +102,13 @@ async def read_model(request: Request, model: type[Model]) -> Model:
     and accepts ``NaN``.
     """
     media_type(request, JSON)
+    return parsed(await read(request), model)
+
+
+def parsed(content: bytes, model: type[Model]) -> Model:
+    """Validate a JSON body."""
     try:
-        return model.model_validate_json(await read(request))
+        return model.model_validate_json(content)
     except ValidationError as err:
         errors.invalid(err, model)
 

@@ -18,7 +18,7 @@ from starlette.types import Receive, Scope, Send
 
 from service.access.access import ANYONE, CALLER, Access, Caller
 from service.access.limits import Limits, address_of
-from service.errors import BadMessage, TooManyStreams
+from service.errors import BadMessage, TooManyStreams, mistakes_of
 from service.stream.connection import TOO_SLOW, Connection, DirectConnection, LoopConnection
 from service.stream.hub import Hub
 from service.stream.kernels import U16
@@ -36,6 +36,9 @@ TOO_MANY, RESTARTING = 4029, 1012
 
 MAX_CONSECUTIVE = 32
 """Messages of one client that are read before the event loop runs other tasks."""
+
+MAX_TEXT = 2_048
+"""Characters of a text message that count as one message there: a long one takes up to a millisecond."""
 
 MAX_BACKLOG = 64
 """Messages of one client that wait for the engine before its next ones are left unread."""
@@ -146,8 +149,10 @@ class _Reader:
                 self.left = message.get("code") in _FINAL
                 return
             self._hand_over(message)
-            count += 1
-            if count % MAX_CONSECUTIVE == 0:
+            text = message.get("text")
+            count += 1 if text is None else 1 + len(text) // MAX_TEXT
+            if count >= MAX_CONSECUTIVE:
+                count = 0
                 await asyncio.sleep(0)
             await self._wait()
 
@@ -194,7 +199,7 @@ def _parsed(content: str) -> Any:
     try:
         return CLIENT.validate_json(content)
     except ValidationError as err:
-        first = err.errors(include_url=False, include_input=False)[0]
+        first = mistakes_of(err)[0]
         at = ".".join(str(part) for part in first["loc"])[:200]
         raise BadMessage(f"{at}: {first['msg']}" if at else str(first["msg"])) from err
 

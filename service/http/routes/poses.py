@@ -95,7 +95,7 @@ async def poses(
         entry = await state.version(entry, version)
         batch = evaluation.binary_batch(state, entry, await read(request), query)
     else:
-        batch = evaluation.json_batch(state, await read_model(request, BatchRequest), query)
+        batch = evaluation.json_batch(state, await read(request), query)
         entry = await state.version(entry, batch.options.version)
     found = await evaluation.poses(state, entry, batch, support=form == JSON or batch.options.support)
     state.record_usage(entry, batch.adverbs, found.poses.blend, rows=len(batch.at))

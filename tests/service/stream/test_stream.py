@@ -13,7 +13,9 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
+from service.settings import Settings
 from service.stream import messages
+from service.stream.endpoint import MAX_CONSECUTIVE, _Reader
 from tests.service.stream.conftest import eventually, open_stream
 from verbs.kernels import quat
 
@@ -49,6 +51,41 @@ async def test_hello_names_the_session_the_clock_and_the_limits(server):
         assert abs(client.hello["server_time_ns"] - time.time_ns()) < 2e9
         assert client.hello["max_channels"] == 1024
         assert client.hello["grace_s"] == 10.0
+
+
+async def test_very_many_mistakes_of_a_message_are_counted_only(server):
+    async with open_stream(server) as client:
+        await client.send("set", channel=1, **dict.fromkeys((f"k{number}" for number in range(5_000)), 1))
+        error = await client.until("error")
+        assert error["detail"] == "5000 mistakes; some are listed where there are at most 200"
+
+
+async def test_long_messages_of_a_client_leave_the_event_loop_to_others():
+    """A client whose next message is always there: other tasks run after each long one, and after 32 short ones."""
+
+    class Idle:
+        posted, backlog, pending = 0, 0, False
+
+    class Nothing:
+        handle, settings = None, Settings()
+
+        def post(self, *_):
+            pass
+
+    for text, most in (("x" * 65_536, 1), ("x", MAX_CONSECUTIVE)):
+        messages = [{"type": "websocket.receive", "text": text}] * 100 + [{"type": "websocket.disconnect"}]
+        read, reads = iter(messages), [0]
+
+        async def receive(read=read, reads=reads):
+            reads[-1] += 1
+            return next(read)
+
+        task = asyncio.create_task(_Reader(Nothing(), Idle()).run(receive))
+        while not task.done():
+            reads.append(0)
+            await asyncio.sleep(0)
+        assert sum(reads) == 101
+        assert max(reads) <= most + 1
 
 
 async def test_only_our_subprotocol_is_echoed(server):

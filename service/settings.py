@@ -271,7 +271,7 @@ class Settings(BaseSettings):
     streams: Annotated[int, Field(ge=1, le=100_000, description="Largest number of open streams (WebSockets).")] = 2_000
     stream_channels: Annotated[
         int, Field(ge=1, le=65_535, description="Largest number of channels (characters) per stream.")
-    ] = 1_024
+    ] = 2_048
     stream_characters: Annotated[
         int, Field(ge=1, le=1_000_000, description="Largest number of channels (characters) of all streams.")
     ] = 20_000

@@ -49,7 +49,7 @@ async def test_hello_names_the_session_the_clock_and_the_limits(server):
         assert client.socket.subprotocol == "adverb.v1"
         assert len(client.hello["session"]) >= 20
         assert abs(client.hello["server_time_ns"] - time.time_ns()) < 2e9
-        assert client.hello["max_channels"] == 1024
+        assert client.hello["max_channels"] == 2048
         assert client.hello["grace_s"] == 10.0
 
 

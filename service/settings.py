@@ -217,7 +217,10 @@ class Settings(BaseSettings):
     refine_s_per_day: Annotated[
         int | None,
         Field(
-            ge=1, le=10_000_000, description="Largest sum of the budgets of refinements of one key in a day, seconds."
+            ge=1,
+            le=10_000_000,
+            description="Largest sum of the budgets of refinements that one key starts in a day, seconds; counted "
+            "by each process since its start, or for all together where `ADVERB_RATE_STORAGE` is redis.",
         ),
     ] = None
     request_s: Annotated[

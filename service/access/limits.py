@@ -11,8 +11,8 @@ import ipaddress
 import math
 import time
 from collections import Counter
-from collections.abc import Awaitable, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Awaitable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from functools import lru_cache
 from typing import Any, Literal, Protocol, cast
 
@@ -42,6 +42,8 @@ log = structlog.get_logger("adverb.access")
 
 class _Shared(Protocol):
     """Limiter whose storage several processes share."""
+
+    storage: Any
 
     def hit(self, item: RateLimitItem, *identifiers: str, cost: int = 1) -> Awaitable[bool]: ...
 
@@ -108,12 +110,20 @@ class Limits:
         for item in self._rates[kind]:
             await self._hit(item, kind, name, 1, "requests")
 
-    async def refine(self, caller: Caller, address: str, budget_s: float) -> None:
-        """Count the budget of a refinement; raises :class:`TooManyRequests`."""
-        if self._refining is not None:
-            kind, name = ("key", caller.id) if caller.id else ("address", address)
-            cost = max(1, math.ceil(budget_s))
-            await self._hit(self._refining, f"refine {kind}", name, cost, "seconds of refinement")
+    @asynccontextmanager
+    async def refinement(self, caller: Caller, address: str, budget_s: float) -> AsyncIterator[None]:
+        """While a refinement is started: its budget is counted unless that fails; raises :class:`TooManyRequests`."""
+        if self._refining is None:
+            yield
+            return
+        kind, name = ("refine key", caller.id) if caller.id else ("refine address", address)
+        counted = self._refining, kind, name, max(1, math.ceil(budget_s))
+        await self._hit(*counted, "seconds of refinement")
+        try:
+            yield
+        except Exception:
+            await self._give_back(*counted)
+            raise
 
     @contextmanager
     def stream(self, caller: Caller, address: str) -> Iterator[None]:
@@ -143,33 +153,57 @@ class Limits:
             return
         try:
             allowed = await self._shared.hit(item, kind, name, cost=cost)
+            if not allowed and cost > 1:  # a part of the cost may have been left
+                await self._add_shared(item, kind, name, -cost)
             end_s = 0.0 if allowed else (await self._shared.get_window_stats(item, kind, name)).reset_time
         except Exception as err:  # of any client library: a failed count must not fail the request
-            self._shared_again_s = time.monotonic() + RETRY_STORAGE_S
-            problem = str(err)[:200]
-            log.warning("the storage of limits cannot be reached; requests are counted in memory", problem=problem)
+            self._shared_failed(err)
             self._count(item, kind, name, cost, what)
             return
         if not allowed:
             raise _refusal(item, kind, what, end_s)
 
+    async def _give_back(self, item: RateLimitItem, kind: str, name: str, cost: int) -> None:
+        if self._shared is None or self.counts_in_memory:
+            window = self._windows.get(_key(item, kind, name))
+            if window is not None:
+                window[1] = max(0.0, window[1] - cost)
+            return
+        try:
+            await self._add_shared(item, kind, name, -cost)
+        except Exception as err:
+            self._shared_failed(err)
+
+    async def _add_shared(self, item: RateLimitItem, kind: str, name: str, cost: int) -> None:
+        assert self._shared is not None  # callers check it
+        await self._shared.storage.incr(item.key_for(kind, name), item.get_expiry(), amount=cost)
+
+    def _shared_failed(self, err: Exception) -> None:
+        self._shared_again_s = time.monotonic() + RETRY_STORAGE_S
+        problem = str(err)[:200]
+        log.warning("the storage of limits cannot be reached; requests are counted in memory", problem=problem)
+
     def _count(self, item: RateLimitItem, kind: str, name: str, cost: int, what: str) -> None:
-        """Count in memory."""
-        now_s, key = time.monotonic(), f"{kind} {item.multiples} {item.GRANULARITY.name} {name}"
+        """Count in memory; what is refused is not counted."""
+        now_s, key = time.monotonic(), _key(item, kind, name)
         window = self._windows.get(key)
         if window is None or window[0] <= now_s:
             if len(self._windows) >= MAX_COUNTED:
                 self._forget(now_s)
             window = self._windows[key] = [now_s + item.get_expiry(), 0.0]
-        window[1] += cost
-        if window[1] > item.amount:
+        if window[1] + cost > item.amount:
             raise _refusal(item, kind, what, time.time() + window[0] - now_s)
+        window[1] += cost
 
     def _forget(self, now_s: float) -> None:
         """Remove the windows that have ended; all, where too many have not."""
         self._windows = {key: window for key, window in self._windows.items() if window[0] > now_s}
         if len(self._windows) > MAX_COUNTED // 2:
             self._windows.clear()
+
+
+def _key(item: RateLimitItem, kind: str, name: str) -> str:
+    return f"{kind} {item.multiples} {item.GRANULARITY.name} {name}"
 
 
 def _refusal(item: RateLimitItem, kind: str, what: str, end_s: float) -> TooManyRequests:

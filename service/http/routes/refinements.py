@@ -67,9 +67,9 @@ async def start(request: Request, verb: VerbName) -> Response:
     if spec.aim == "quality":
         refine_quality.check(entry.verb)
     caller = caller_of(request)
-    await state.limits.refine(caller, address_of(request.scope), spec.budget_s)
     try:
-        job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, caller.author))
+        async with state.limits.refinement(caller, address_of(request.scope), spec.budget_s):
+            job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, caller.author))
     except AlreadyRunning as err:
         raise AlreadyRefining(str(err), refinement=err.job) from err
     return Response(orjson.dumps(_told(job)), 202, {"Location": f"/v1/refinements/{job.id}"}, JSON)

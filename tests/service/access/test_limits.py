@@ -8,7 +8,7 @@ import shutil
 import socket
 import subprocess
 import time
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 
 import pytest
 from pydantic import ValidationError
@@ -177,12 +177,39 @@ async def test_the_budget_of_refinements_is_limited(tmp_path):
             route = f"/v1/verbs/{made.json()['verb']}/refinements"
             job = await client.post(route, json={"budget_s": 60})
             assert job.status_code == 202, job.text
+            second = await client.post(route, json={"budget_s": 20})
+            assert second.status_code == 409
             await client.delete(f"/v1/refinements/{job.json()['id']}")
             answer = await client.post(route, json={"budget_s": 60})
             assert answer.status_code == 429
             assert "seconds of refinement per day" in answer.json()["detail"]
+            assert (await client.post(route, json={"budget_s": 40})).status_code == 202  # what is left
     finally:
         server.stop()
+
+
+async def started(limits: Limits, *budgets_s: float, fails: bool = False) -> list[bool]:
+    """Which refinements with these budgets may be started."""
+    found = []
+    for budget_s in budgets_s:
+        with suppress(RuntimeError):
+            try:
+                async with limits.refinement(ALICE, "", budget_s):
+                    found.append(True)
+                    if fails:
+                        raise RuntimeError("not started")
+            except TooManyRequests:
+                found.append(False)
+    return found
+
+
+@pytest.mark.anyio
+async def test_budgets_of_refinements_that_are_refused_or_fail_are_not_counted():
+    limits = Limits(Settings(refine_s_per_day=100))
+    assert await started(limits, 60, 60, 30, 10, 1) == [True, False, True, True, False]
+    limits = Limits(Settings(refine_s_per_day=100))
+    assert await started(limits, 90, 90, fails=True) == [True, True]
+    assert await started(limits, 90, 90) == [True, False]
 
 
 @pytest.mark.parametrize("rate", ["many", "5", "5/fortnight", "/second", "-1/second"])
@@ -218,8 +245,11 @@ def redis(tmp_path_factory):
 @pytest.mark.anyio
 async def test_processes_count_together_in_redis_and_alone_without_it(redis, monkeypatch):
     address, process = redis
-    settings = Settings(rate_per_key="5/hour", rate_storage=address)
+    settings = Settings(rate_per_key="5/hour", rate_storage=address, refine_s_per_day=100)
     first, second = Limits(settings), Limits(settings)
+    assert await started(first, 90, fails=True) == [True]
+    assert await started(first, 60, 60) == [True, False]
+    assert await started(second, 60, 30, 10, 1) == [False, True, True, False]
     assert await passed(first, "key", "a", 3) + await passed(second, "key", "a", 8) == 5
     process.kill()
     process.wait()

@@ -21,7 +21,7 @@ from limits import RateLimitItem, RateLimitItemPerDay, WindowStats, parse_many
 from starlette.types import Scope
 
 from service.access.access import Caller
-from service.errors import TooManyRequests, TooManyStreams
+from service.errors import Overloaded, TooManyRequests, TooManyStreams
 from service.settings import Settings
 
 __all__ = ["Limits", "address_of"]
@@ -31,6 +31,9 @@ MAX_COUNTED = 100_000
 
 MAX_ADDRESS = 64
 """Longest text that is counted as an address."""
+
+MAX_FOLLOWERS = 64
+"""Clients of a process that follow refinements; each reads the database twice a second."""
 
 RETRY_STORAGE_S = 5.0
 """Time for which requests are counted in memory after the shared storage failed, seconds."""
@@ -87,6 +90,7 @@ class Limits:
         self._refining = None if daily is None else RateLimitItemPerDay(int(daily))
         self._streams = {"key": settings.streams_per_key, "address": settings.streams_per_address}
         self._open: Counter[tuple[str, str]] = Counter()
+        self._followers = 0
         self._windows: dict[str, list[float]] = {}
         self._pool = _pool_of(settings.rate_storage)
         self._shared = _shared(settings.rate_storage, self._pool)
@@ -132,7 +136,8 @@ class Limits:
         for kind, name in counted:
             most = self._streams[kind]
             if most is not None and self._open[kind, name] >= most:
-                raise TooManyStreams(f"this {kind} has its maximum of {most} streams", limit=most)
+                detail = f"this {kind} has its maximum of {most} streams"
+                raise TooManyStreams(detail, headers={"Retry-After": "5"}, limit=most)
         self._open.update(counted)
         try:
             yield
@@ -141,6 +146,22 @@ class Limits:
             for entry in counted:
                 if self._open[entry] <= 0:
                     del self._open[entry]
+
+    @contextmanager
+    def follower(self, caller: Caller, address: str) -> Iterator[None]:
+        """While a refinement is followed, which counts as a stream too.
+
+        Raises :class:`TooManyStreams`, or :class:`Overloaded` beyond :data:`MAX_FOLLOWERS`.
+        """
+        if self._followers >= MAX_FOLLOWERS:
+            detail = f"the server has its maximum of {MAX_FOLLOWERS} clients that follow refinements"
+            raise Overloaded(detail, headers={"Retry-After": "5"}, limit=MAX_FOLLOWERS)
+        with self.stream(caller, address):
+            self._followers += 1
+            try:
+                yield
+            finally:
+                self._followers -= 1
 
     async def close(self) -> None:
         """Close the connections to the shared storage."""

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from functools import partial
 from typing import Annotated, Any
 
 import orjson
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response, StreamingResponse
+from starlette.types import Receive, Scope, Send
 
+from service.access.access import Caller
 from service.access.limits import address_of
 from service.compute import run_in_thread
 from service.errors import AlreadyRefining, ReadOnly
@@ -23,6 +26,7 @@ from service.refinement.errors import AlreadyRunning
 from service.refinement.job_spec import RefinementSpec
 from service.refinement.queue import Refinements
 from service.state import ServerState
+from service.store.records import StoreUnavailable
 from service.store.store import Job
 from verbs import refine_quality
 from verbs.blend.methods import default_method
@@ -126,33 +130,57 @@ async def cancel(request: Request, id: str) -> Response:
     response_class=StreamingResponse,
     responses={
         200: {"description": "Server-sent events", "content": {"text/event-stream": {"schema": {"type": "string"}}}},
-        **problems("unknown_refinement", "read_only", "store_unavailable", "not_ready"),
+        **problems(
+            "unknown_refinement", "read_only", "store_unavailable", "not_ready", "too_many_streams", "overloaded"
+        ),
     },
     summary="Follow a refinement",
 )
 async def follow(request: Request, id: str) -> Response:
-    """Send an event with the refinement whenever it changes; the last event when it has ended."""
-    known = _refinements(state_of(request))
-    first = await run_in_thread(lambda: known.job(id))
-    headers = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_events(known, first), media_type="text/event-stream", headers=headers)
+    """Send an event with the refinement whenever it changes; the last event when it has ended.
+
+    The response ends before where the key is revoked or expires, and where the server stops. It counts as a stream.
+    """
+    state = state_of(request)
+    known = _refinements(state)
+    return _Followed(state, caller_of(request), known, await run_in_thread(lambda: known.job(id)))
 
 
-async def _events(known: Refinements, job: Job) -> AsyncIterator[bytes]:
-    sent_at_s, quiet = 0.0, 0
-    while True:
-        if job.updated_at_s != sent_at_s:
-            sent_at_s, quiet = job.updated_at_s, 0
-            name = b"end" if job.state in ENDED else b"progress"
-            yield b"event: " + name + b"\ndata: " + orjson.dumps(_told(job)) + b"\n\n"
-        elif quiet * FOLLOW_S >= 15:
-            quiet = 0
-            yield b": still here\n\n"
-        if job.state in ENDED:
-            return
-        quiet += 1
-        await asyncio.sleep(FOLLOW_S)
-        job = await run_in_thread(partial(known.job, job.id))
+class _Followed(StreamingResponse):
+    """The events of a job; limits apply while they are sent."""
+
+    def __init__(self, state: ServerState, caller: Caller, known: Refinements, job: Job) -> None:
+        self._state, self._caller, self._known, self._revoked = state, caller, known, False
+        headers = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
+        super().__init__(self._events(job), media_type="text/event-stream", headers=headers)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the response; raises :class:`TooManyStreams` or :class:`Overloaded` before it begins."""
+        limits, access = self._state.limits, self._state.access
+        with limits.follower(self._caller, address_of(scope)), access.watching(self._caller, self._end):
+            await super().__call__(scope, receive, send)
+
+    def _end(self, code: int, reason: str) -> None:
+        """End the response; code and reason are those of streams."""
+        del code, reason
+        self._revoked = True
+
+    async def _events(self, job: Job) -> AsyncIterator[bytes]:
+        sent_at_s, quiet = 0.0, 0
+        while not (self._revoked or self._state.hub.draining):
+            if job.updated_at_s != sent_at_s:
+                sent_at_s, quiet = job.updated_at_s, 0
+                name = b"end" if job.state in ENDED else b"progress"
+                yield b"event: " + name + b"\ndata: " + orjson.dumps(_told(job)) + b"\n\n"
+            elif quiet * FOLLOW_S >= 15:
+                quiet = 0
+                yield b": still here\n\n"
+            if job.state in ENDED:
+                return
+            quiet += 1
+            await asyncio.sleep(FOLLOW_S)
+            with suppress(StoreUnavailable):  # the next turn tries again
+                job = await run_in_thread(partial(self._known.job, job.id))
 
 
 def _refinements(state: ServerState) -> Refinements:

@@ -329,6 +329,8 @@ export interface paths {
          * Follow a refinement
          * @description Send an event with the refinement whenever it changes; the last event when it has ended.
          *
+         *     The response ends before where the key is revoked or expires, and where the server stops. It counts as a stream.
+         *
          *     Scope: any.
          */
         get: operations["follow_refinement"];
@@ -4638,6 +4640,15 @@ export interface operations {
             };
             /** @description Validation Error */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Too many streams */
+            429: {
                 headers: {
                     [name: string]: unknown;
                 };

@@ -44,8 +44,8 @@ def _rule(methods: tuple[str, ...], path: str, scope: str) -> Rule:
 RULES = (
     _rule(("POST",), r"/v1/verbs/[^/]+/(pose|poses|sequence)", "pose"),
     _rule(_READING, r"/v1/stream", "pose"),
-    _rule(_READING, r"/v1/verbs/[^/]+/(quality|artifact)", "pose"),
-    _rule(_READING, r"/v1/verbs(/[^/]+(/versions(/[^/]+)?)?)?", ANY),
+    _rule(_READING, r"/v1/verbs/[^/]+/(quality|artifact|versions/[^/]+)", "pose"),
+    _rule(_READING, r"/v1/verbs(/[^/]+(/versions)?)?", ANY),
     _rule(("POST",), r"/v1/verbs", "author"),
     _rule(("DELETE",), r"/v1/verbs/[^/]+", "author"),
     _rule(("POST",), r"/v1/verbs/[^/]+/(examples|versions/[^/]+/activate)", "author"),

@@ -17,13 +17,13 @@ OPEN = {("GET", path) for path in ("/", "/livez", "/readyz", "/v2/health/live", 
 ANY = {
     ("GET", "/docs"), ("GET", "/openapi.json"), ("GET", "/metrics"), ("GET", "/v1/access"),
     ("GET", "/v1/verbs"), ("GET", "/v1/verbs/{verb}"), ("GET", "/v1/verbs/{verb}/versions"),
-    ("GET", "/v1/verbs/{verb}/versions/{number}"),
     ("GET", "/v1/refinements"), ("GET", "/v1/refinements/{id}"), ("GET", "/v1/refinements/{id}/events"),
 }  # fmt: skip
 SCOPED = {
     "pose": {
         ("POST", "/v1/verbs/{verb}/pose"), ("POST", "/v1/verbs/{verb}/poses"), ("POST", "/v1/verbs/{verb}/sequence"),
         ("GET", "/v1/verbs/{verb}/quality"), ("GET", "/v1/verbs/{verb}/artifact"),
+        ("GET", "/v1/verbs/{verb}/versions/{number}"),
     },
     "author": {
         ("POST", "/v1/verbs"), ("DELETE", "/v1/verbs/{verb}"), ("POST", "/v1/verbs/{verb}/examples"),

@@ -612,7 +612,7 @@ export interface paths {
          * Download a version
          * @description Return the artifact of a version.
          *
-         *     Scope: any.
+         *     Scope: `pose`.
          */
         get: operations["download_version"];
         put?: never;
@@ -5938,6 +5938,15 @@ export interface operations {
             };
             /** @description Unauthenticated */
             401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Missing scope */
+            403: {
                 headers: {
                     [name: string]: unknown;
                 };

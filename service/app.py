@@ -68,8 +68,8 @@ def create_app(
         redirect_slashes=False,
         telemetry=_telemetry(provider),
         middleware=[
+            *([_cors(origins)] if origins else []),  # first: a page can read every answer, also an unexpected error
             Middleware(Observe, metrics=state.metrics),
-            *([_cors(origins)] if origins else []),
             *([Middleware(LimitAddresses, limits=state.limits)] if state.limits.counts("address") else []),
             Middleware(Guard, names=allowed_names(settings.host, settings.allowed_hosts), origins=origins),
             Middleware(

@@ -7,6 +7,7 @@ from pydantic import ValidationError
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
+from service.http import evaluation
 from service.http.guard import allowed_names
 from service.settings import Settings
 from tests.service.conftest import app_of, client_of
@@ -106,6 +107,23 @@ async def test_pages_of_listed_origins_may_read_and_change(catalog):
         assert answer.status_code == 200
         assert answer.headers["access-control-allow-origin"] == GAME
         assert "access-control-allow-credentials" not in answer.headers
+
+
+@pytest.mark.anyio
+async def test_pages_of_listed_origins_may_read_every_answer(catalog, monkeypatch):
+    def fails(*_, **__):
+        raise RuntimeError("a fault of the server")
+
+    monkeypatch.setattr(evaluation, "pose", fails)
+    async with client_of(app_of(catalog, cors_origins=GAME, rate_per_address="2/hour")) as client:
+        answers = [
+            await client.post("/v1/verbs/arm3/pose", json=ADVERBS, headers={"Origin": GAME, **more})
+            for more in ({}, {"Host": "stranger.example"}, {})
+        ]
+    assert [answer.status_code for answer in answers] == [500, 421, 429]
+    for answer in answers:
+        assert answer.headers["access-control-allow-origin"] == GAME
+        assert answer.headers["x-request-id"]
 
 
 @pytest.mark.anyio

@@ -88,7 +88,7 @@ class Group:
         return found
 
     def described(self, layout: Layout) -> dict[str, orjson.Fragment]:
-        """JSON of what ``opened`` says of all channels of a layout: skeleton, joints, keytimes."""
+        """JSON of the fields of ``opened`` that all channels of a layout share: skeleton, joints, keytimes."""
         found = self._described.get(id(layout))
         if found is None:
             skeleton = self.entry.verb.skeleton

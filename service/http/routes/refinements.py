@@ -16,7 +16,7 @@ from starlette.types import Receive, Scope, Send
 from service.access.access import Caller
 from service.access.limits import address_of
 from service.compute import run_in_thread
-from service.errors import AlreadyRefining, ReadOnly
+from service.errors import AlreadyRefining, Overloaded, ReadOnly
 from service.http.context import caller_of, state_of
 from service.http.documented import VerbName, body, problems
 from service.http.negotiation import JSON, read_model
@@ -76,7 +76,7 @@ async def start(request: Request, verb: VerbName) -> Response:
             job = await run_in_thread(lambda: refinements.start(verb, entry.version, spec, caller.author))
     except AlreadyRunning as err:
         raise AlreadyRefining(str(err), refinement=err.job) from err
-    return Response(orjson.dumps(_told(job)), 202, {"Location": f"/v1/refinements/{job.id}"}, JSON)
+    return Response(orjson.dumps(_job_json(job)), 202, {"Location": f"/v1/refinements/{job.id}"}, JSON)
 
 
 @router.get(
@@ -94,7 +94,7 @@ async def refinements(
     """List refinements, the newest first."""
     known = _refinements(state_of(request))
     rows = await run_in_thread(lambda: known.jobs(verb=verb, limit=limit))
-    return Response(orjson.dumps({"refinements": [_told(job) for job in rows]}), media_type=JSON)
+    return Response(orjson.dumps({"refinements": [_job_json(job) for job in rows]}), media_type=JSON)
 
 
 @router.get(
@@ -107,7 +107,7 @@ async def refinements(
 async def refinement(request: Request, id: str) -> Response:
     """Show a refinement: its state, pseudo-examples, and the error after each of them."""
     known = _refinements(state_of(request))
-    return Response(orjson.dumps(_told(await run_in_thread(lambda: known.job(id)))), media_type=JSON)
+    return Response(orjson.dumps(_job_json(await run_in_thread(lambda: known.job(id)))), media_type=JSON)
 
 
 @router.delete(
@@ -121,7 +121,7 @@ async def cancel(request: Request, id: str) -> Response:
     """Stop a refinement after its current step without publishing. One that has ended is returned unchanged."""
     known, author = _refinements(state_of(request)), caller_of(request).author
     job = await run_in_thread(lambda: known.cancel(id, author=author))
-    return Response(orjson.dumps(_told(job)), media_type=JSON)
+    return Response(orjson.dumps(_job_json(job)), media_type=JSON)
 
 
 @router.get(
@@ -171,15 +171,15 @@ class _Followed(StreamingResponse):
             if job.updated_at_s != sent_at_s:
                 sent_at_s, quiet = job.updated_at_s, 0
                 name = b"end" if job.state in ENDED else b"progress"
-                yield b"event: " + name + b"\ndata: " + orjson.dumps(_told(job)) + b"\n\n"
+                yield b"event: " + name + b"\ndata: " + orjson.dumps(_job_json(job)) + b"\n\n"
             elif quiet * FOLLOW_S >= 15:
                 quiet = 0
-                yield b": still here\n\n"
+                yield b": no change\n\n"
             if job.state in ENDED:
                 return
             quiet += 1
             await asyncio.sleep(FOLLOW_S)
-            with suppress(StoreUnavailable):  # the next turn tries again
+            with suppress(StoreUnavailable, Overloaded):  # the next turn tries again
                 job = await run_in_thread(partial(self._known.job, job.id))
 
 
@@ -190,7 +190,7 @@ def _refinements(state: ServerState) -> Refinements:
     return state.refinements
 
 
-def _told(job: Job) -> dict[str, Any]:
+def _job_json(job: Job) -> dict[str, Any]:
     return {
         "id": job.id,
         "verb": job.verb,

@@ -20,6 +20,7 @@ __all__ = [
     "GLB",
     "JSON",
     "NPZ",
+    "OBJECT_BYTES",
     "OCTETS",
     "VRMA",
     "ZIP",
@@ -39,6 +40,9 @@ ZIP = "application/zip"
 
 FILES = {BVH: "bvh", GLB: "glb", VRMA: "vrma", NPZ: "npz"}
 """Media types of motion files, with their format. No type is registered for VRM animations and NumPy archives."""
+
+OBJECT_BYTES = 64 * 1024
+"""Longest JSON body of a route that reads one object: parsing one of wrong fields takes 1 ms, of 1 MiB 30 ms."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -95,14 +99,17 @@ async def read(request: Request) -> bytes:
             return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
-async def read_model(request: Request, model: type[Model]) -> Model:
-    """Read and validate the JSON body.
+async def read_model(request: Request, model: type[Model], *, most: int | None = None) -> Model:
+    """Read and validate the JSON body; of at most so many bytes where it is one object, since parsing blocks others.
 
     The model is parsed from bytes. Parsing to Python objects first, as FastAPI does for declared bodies, takes longer
     and accepts ``NaN``.
     """
     media_type(request, JSON)
-    return parsed(await read(request), model)
+    content = await read(request)
+    if most is not None and len(content) > most:
+        raise errors.BodyTooLarge(f"the JSON body of this route may have at most {most} bytes", limit=most)
+    return parsed(content, model)
 
 
 def parsed(content: bytes, model: type[Model]) -> Model:

@@ -114,7 +114,7 @@ async def test_many_mistakes_are_listed_up_to_a_bound(client):
 async def test_very_many_mistakes_are_counted_only(client):
     """Listing 90,000 of them would block all other requests for a third of a second."""
     fields = dict.fromkeys((f"k{number}" for number in range(90_000)), 1)
-    reply = problem(await post(client, adverbs=ARM, **fields), 422, "invalid_request")
+    reply = problem(await post(client, route="sequence", adverbs=ARM, **fields), 422, "invalid_request")
     assert reply["detail"] == "body: 90000 mistakes; some are listed where there are at most 200"
     assert [row["at"] for row in reply["errors"]] == ["body"]
 
@@ -183,6 +183,13 @@ async def test_a_long_body_is_refused_before_it_is_read(catalog):
     async with client_of(app_of(catalog, max_body_bytes=1_024)) as client:
         answer = await client.post("/v1/verbs/arm3/pose", content=b" " * 2_000, headers=JSON)
         assert problem(answer, 413, "body_too_large")["limit"] == 1_024
+
+
+async def test_a_body_of_one_object_is_short(client):
+    """It is parsed in the event loop, where it would delay every other request."""
+    fields = ",".join(f'"a{k}":0' for k in range(10_000))
+    answer = await client.post("/v1/verbs/arm3/pose", content="{" + fields + "}", headers=JSON)
+    assert problem(answer, 413, "body_too_large")["limit"] == 65_536
 
 
 @pytest.mark.parametrize("declared", ["-1", "many", "9" * 30])

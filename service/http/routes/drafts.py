@@ -16,6 +16,7 @@ from service.http.documented import EVALUATING, body, forms, problems
 from service.http.draft_models import DraftAnswer, DraftChange, DraftList, DraftPublication
 from service.http.negotiation import (
     JSON,
+    OBJECT_BYTES,
     OCTETS,
     ZIP,
     accepted,
@@ -200,7 +201,7 @@ async def pose(request: Request, id: Id) -> Response:
     """Evaluate one pose of the draft's verb, as of a verb; `version` is the draft's revision."""
     state, drafts = state_of(request), drafts_of(request)
     form = accepted(request, JSON, OCTETS)
-    content = await read_model(request, PoseRequest)
+    content = await read_model(request, PoseRequest, most=OBJECT_BYTES)
     _check_version(content.version)
     entry = await drafts.entry(id)
     found = await evaluation.pose(state, entry, content, support=form == JSON or content.support, counted=False)
@@ -250,7 +251,7 @@ async def publish(request: Request, id: Id) -> Response:
     """Publish the draft's verb with its source, as the next version of its name. The draft stays."""
     drafts = drafts_of(request)
     expected = if_match(request, "revision")
-    content = await read_model(request, DraftPublication)
+    content = await read_model(request, DraftPublication, most=OBJECT_BYTES)
     version, warnings = await drafts.publish(id, expected, content.name, author=caller_of(request).author)
     answer = {**version_json(version, version.number), "warnings": warnings}
     headers = {"ETag": f'"{version.number}"', "Location": f"/v1/verbs/{version.verb}"}

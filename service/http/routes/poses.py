@@ -14,7 +14,7 @@ from service.http import evaluation, response_json
 from service.http.context import served, trace_of
 from service.http.direct import Direct, Whole
 from service.http.documented import EVALUATING, VerbName, body, forms, problems
-from service.http.negotiation import FILES, JSON, OCTETS, accepted, media_type, read, read_model, sliced
+from service.http.negotiation import FILES, JSON, OBJECT_BYTES, OCTETS, accepted, media_type, read, read_model, sliced
 from service.http.request_models import BatchRequest, PoseRequest, SequenceRequest
 from service.http.response_json import Motion
 from service.http.response_models import PoseAnswer, PosesAnswer, SequenceAnswer
@@ -50,7 +50,7 @@ async def pose(request: Request, verb: VerbName) -> Response:
     """
     state, entry = served(request, verb)
     form = accepted(request, JSON, OCTETS)
-    content = await read_model(request, PoseRequest)
+    content = await read_model(request, PoseRequest, most=OBJECT_BYTES)
     if content.version is not None:
         entry = await state.version(entry, content.version)
     found = await evaluation.pose(state, entry, content, support=form == JSON or content.support)

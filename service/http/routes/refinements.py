@@ -19,7 +19,7 @@ from service.compute import run_in_thread
 from service.errors import AlreadyRefining, Overloaded, ReadOnly
 from service.http.context import caller_of, state_of
 from service.http.documented import VerbName, body, problems
-from service.http.negotiation import JSON, read_model
+from service.http.negotiation import JSON, OBJECT_BYTES, read_model
 from service.http.request_models import RefinementRequest
 from service.http.response_models import RefinementAnswer, RefinementList
 from service.refinement.errors import AlreadyRunning
@@ -64,7 +64,7 @@ async def start(request: Request, verb: VerbName) -> Response:
     state = state_of(request)
     refinements = _refinements(state)
     entry = state.current().entry(verb)
-    content = await read_model(request, RefinementRequest)
+    content = await read_model(request, RefinementRequest, most=OBJECT_BYTES)
     exact = default_method(entry.verb) == "corrected"
     given = content.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
     spec = RefinementSpec.of_request(given, exact=exact)

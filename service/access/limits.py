@@ -89,7 +89,7 @@ class Limits:
         daily = settings.refine_s_per_day
         self._refining = None if daily is None else RateLimitItemPerDay(int(daily))
         self._streams = {"key": settings.streams_per_key, "address": settings.streams_per_address}
-        self._open: Counter[tuple[str, str]] = Counter()
+        self._open: Counter[tuple[str, str, str]] = Counter()
         self._followers = 0
         self._windows: dict[str, list[float]] = {}
         self._pool = _pool_of(settings.rate_storage)
@@ -132,11 +132,32 @@ class Limits:
     @contextmanager
     def stream(self, caller: Caller, address: str) -> Iterator[None]:
         """While a stream is open; raises :class:`TooManyStreams`."""
-        counted = [("address", address), *([("key", caller.id)] if caller.id else [])]
-        for kind, name in counted:
-            most = self._streams[kind]
-            if most is not None and self._open[kind, name] >= most:
-                detail = f"this {kind} has its maximum of {most} streams"
+        with self._one_more("streams", caller, address):
+            yield
+
+    @contextmanager
+    def follower(self, caller: Caller, address: str) -> Iterator[None]:
+        """While a refinement is followed: as many by a key or an address as streams.
+
+        Raises :class:`TooManyStreams`, or :class:`Overloaded` beyond :data:`MAX_FOLLOWERS`.
+        """
+        if self._followers >= MAX_FOLLOWERS:
+            detail = f"the server has its maximum of {MAX_FOLLOWERS} clients that follow refinements"
+            raise Overloaded(detail, headers={"Retry-After": "5"}, limit=MAX_FOLLOWERS)
+        with self._one_more("followed refinements", caller, address):
+            self._followers += 1
+            try:
+                yield
+            finally:
+                self._followers -= 1
+
+    @contextmanager
+    def _one_more(self, what: str, caller: Caller, address: str) -> Iterator[None]:
+        counted = [(what, "address", address), *([(what, "key", caller.id)] if caller.id else [])]
+        for entry in counted:
+            most = self._streams[entry[1]]
+            if most is not None and self._open[entry] >= most:
+                detail = f"this {entry[1]} has its maximum of {most} {what}"
                 raise TooManyStreams(detail, headers={"Retry-After": "5"}, limit=most)
         self._open.update(counted)
         try:
@@ -146,22 +167,6 @@ class Limits:
             for entry in counted:
                 if self._open[entry] <= 0:
                     del self._open[entry]
-
-    @contextmanager
-    def follower(self, caller: Caller, address: str) -> Iterator[None]:
-        """While a refinement is followed, which counts as a stream too.
-
-        Raises :class:`TooManyStreams`, or :class:`Overloaded` beyond :data:`MAX_FOLLOWERS`.
-        """
-        if self._followers >= MAX_FOLLOWERS:
-            detail = f"the server has its maximum of {MAX_FOLLOWERS} clients that follow refinements"
-            raise Overloaded(detail, headers={"Retry-After": "5"}, limit=MAX_FOLLOWERS)
-        with self.stream(caller, address):
-            self._followers += 1
-            try:
-                yield
-            finally:
-                self._followers -= 1
 
     async def close(self) -> None:
         """Close the connections to the shared storage."""

@@ -139,7 +139,7 @@ async def cancel(request: Request, id: str) -> Response:
 async def follow(request: Request, id: str) -> Response:
     """Send an event with the refinement whenever it changes; the last event when it has ended.
 
-    The response ends before where the key is revoked or expires, and where the server stops. It counts as a stream.
+    The response ends before where the key is revoked or expires, and where the server stops. It is limited as a stream.
     """
     state = state_of(request)
     known = _refinements(state)

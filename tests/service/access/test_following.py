@@ -39,7 +39,7 @@ def until_open(server, count):
     return eventually(lambda: server.state.limits._followers == count)
 
 
-async def test_followers_count_as_streams_and_have_a_limit(limited, tmp_path, monkeypatch):
+async def test_followers_are_limited_as_streams_are(limited, tmp_path, monkeypatch):
     async with following(limited, tmp_path, {}) as (client, route):
         async with client.stream("GET", f"{route}/events") as first:
             assert first.status_code == 200

@@ -329,7 +329,7 @@ export interface paths {
          * Follow a refinement
          * @description Send an event with the refinement whenever it changes; the last event when it has ended.
          *
-         *     The response ends before where the key is revoked or expires, and where the server stops. It counts as a stream.
+         *     The response ends before where the key is revoked or expires, and where the server stops. It is limited as a stream.
          *
          *     Scope: any.
          */

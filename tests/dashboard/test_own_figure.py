@@ -128,7 +128,7 @@ def test_the_mapping_can_be_corrected_and_is_kept(page, tmp_path):
     moved = page.state("adverb.figure.moved")
     page.tab.locator(".own-figure summary").click()
     page.tab.get_by_label("Head", exact=True).select_option("")
-    page.until(f"adverb.figure.moved === {moved - 1}")
+    page.until(f"adverb.figure.moved === {moved - 1} && adverb.figure.isKept")
     page.tab.reload()
     page.until("document.documentElement.dataset.ready === 'true'")
     page.until(f"adverb.figure?.moved === {moved - 1}")

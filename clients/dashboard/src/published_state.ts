@@ -15,9 +15,13 @@ export interface PublishedState {
   readonly stats: Stats | null;
   /** Last drawn frame: count, world positions of effector and goal. */
   readonly drawn: Stage["drawn"] | null;
-  /** The user's figure: joints that move, distances of the displayed pose, places of its joints; null without one. */
+  /**
+   * The user's figure: joints that move, whether the browser keeps it as it is, distances of the displayed pose, places
+   * of its joints; null without one.
+   */
   readonly figure: {
     readonly moved: number;
+    readonly isKept: boolean;
     readonly scale: number;
     readonly effector: number | null;
     readonly feet: number | null;
@@ -58,7 +62,8 @@ export function publish(page: Page, stage: Stage | null, own: OwnFigure): void {
       const { model } = own;
       const { mapper } = model ?? {};
       if (!model || !mapper) return null;
-      return { moved: mapper.rows.length, scale: mapper.scale, ...mapper.figures, places: model.places() };
+      const { isKept } = own;
+      return { moved: mapper.rows.length, isKept, scale: mapper.scale, ...mapper.figures, places: model.places() };
     },
   };
   Object.defineProperty(window, "adverb", { value: Object.freeze(published) });

@@ -29,10 +29,20 @@ async function run<Value>(
 ): Promise<Value> {
   const database = await settled(opening());
   try {
-    return await settled(work(database.transaction(STORE, mode).objectStore(STORE)));
+    const transaction = database.transaction(STORE, mode);
+    const [value] = await Promise.all([settled(work(transaction.objectStore(STORE))), completed(transaction)]);
+    return value;
   } finally {
     database.close();
   }
+}
+
+/** Wait until a transaction is stored: a request that succeeded can still be lost with the page. */
+function completed(transaction: IDBTransaction): Promise<void> {
+  return new Promise((resolve, reject) => {
+    transaction.oncomplete = () => resolve();
+    transaction.onabort = () => reject(transaction.error ?? new Error("This browser keeps no figures."));
+  });
 }
 
 function opening(): IDBOpenDBRequest {

@@ -11,6 +11,8 @@ export class OwnFigure {
   model: Model | null = null;
   /** Corrections of the mapping: joints of the figure by joints of the verb. */
   joints: Record<string, string> = {};
+  /** Whether the browser keeps the figure and its corrections as they are. */
+  isKept = false;
   /** Called when the figure, its mapping, or the verb changed. */
   onChange = () => {};
   private file: Blob | null = null;
@@ -79,9 +81,13 @@ export class OwnFigure {
   private async save(): Promise<void> {
     const { file, loading: name, joints } = this;
     if (!file) return;
-    await keep({ name, file, joints }).catch(() =>
-      this.page.notify("This browser does not keep the figure; drop it again after a reload."),
-    );
+    this.isKept = false;
+    try {
+      await keep({ name, file, joints });
+      this.isKept = this.joints === joints;
+    } catch {
+      this.page.notify("This browser does not keep the figure; drop it again after a reload.");
+    }
   }
 
   private async restore(): Promise<void> {
@@ -100,6 +106,7 @@ export class OwnFigure {
       const model = await loadModel(found.file);
       if (this.loading !== figure) return model.dispose();
       this.joints = found.joints;
+      this.isKept = true;
       this.replace(model, found.file);
     } catch (err) {
       this.page.notify(textOf(err), "error");

@@ -107,8 +107,8 @@ def test_requests_of_a_connection_one_after_the_other_and_in_parts(server):
 
 
 def test_a_large_body_may_take_longer_than_a_head(server):
-    body = b'{"adverbs": {"x": 0.4, "y": 0.2}}' + b" " * 200_000
-    head = b"POST /v1/verbs/arm3/pose HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    body = b'{"items": [{"adverbs": {"x": 0.4, "y": 0.2}}]}' + b" " * 200_000
+    head = b"POST /v1/verbs/arm3/poses HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
     with dialled(server) as connection:
         connection.sendall(head + b"Content-Length: %d\r\n\r\n" % len(body))
         for start in range(0, len(body), 20_000):

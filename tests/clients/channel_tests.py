@@ -55,6 +55,21 @@ def requests():
             server.shutdown()
 
 
+def check_a_new_version(entry, drive):
+    """A figure continues with the next version of its verb; ``drive`` starts a program with a server's address."""
+    name = entry.verb.name
+    server = Server(Catalog(MappingProxyType({name: entry}), ())).start()
+    try:
+        with drive(f"http://127.0.0.1:{server.port}") as driver:
+            assert driver.until("pose")["version"] == 1
+            newer = Catalog(MappingProxyType({name: Entry.of_verb(entry.verb, path=entry.path, version=2)}), ())
+            server.call(server.state.set_catalog, newer)
+            assert driver.until("version")["version"] == 2
+            driver.until("pose", lambda row: row["version"] == 2)
+    finally:
+        server.stop()
+
+
 class ChannelTests:
     """A subclass has the fixture ``drive``, which starts a program with the options of ``open``."""
 
@@ -66,17 +81,7 @@ class ChannelTests:
             assert 0.0 <= row["support"] <= 1.0
 
     def test_a_new_version_continues_the_motion(self, all_verbs, drive):
-        entry = all_verbs.entries["arm3"]
-        server = Server(Catalog(MappingProxyType({"arm3": entry}), ())).start()
-        try:
-            with drive(f"http://127.0.0.1:{server.port}") as driver:
-                assert driver.until("pose")["version"] == 1
-                newer = Catalog(MappingProxyType({"arm3": Entry.of_verb(entry.verb, path=entry.path, version=2)}), ())
-                server.call(server.state.set_catalog, newer)
-                assert driver.until("version")["version"] == 2
-                driver.until("pose", lambda row: row["version"] == 2)
-        finally:
-            server.stop()
+        check_a_new_version(all_verbs.entries["arm3"], drive)
 
     def test_a_connection_that_is_cut_is_resumed(self, proxy, drive):
         with drive(proxy.url, options=HELD) as driver:

@@ -76,7 +76,7 @@ class _Run:
 
     async def play(self) -> Report:
         loop, stop = asyncio.get_running_loop(), asyncio.Event()
-        with suppress(NotImplementedError, ValueError, RuntimeError):  # only the main thread has signals
+        with suppress(NotImplementedError, ValueError, RuntimeError):  # other threads, and loops of Windows
             loop.add_signal_handler(signal.SIGINT, stop.set)
             loop.add_signal_handler(signal.SIGTERM, stop.set)
         try:

@@ -9,7 +9,8 @@ from types import MappingProxyType
 
 import pytest
 
-from service.catalog.catalog import Catalog, Entry
+from service.catalog.catalog import Catalog
+from tests.clients.channel_tests import check_a_new_version
 from tests.clients.proxy import Proxy
 from tests.clients.typescript.node import Driver
 from tests.service.access.conftest import added
@@ -128,17 +129,7 @@ def test_a_key_that_is_revoked_without_a_connection_is_an_event(guarded):
 
 
 def test_a_new_version_continues_the_motion(all_verbs):
-    entry = all_verbs.entries["arm3"]
-    server = Server(Catalog(MappingProxyType({"arm3": entry}), ())).start()
-    try:
-        with Driver(f"http://127.0.0.1:{server.port}") as driver:
-            assert driver.until("pose")["version"] == 1
-            newer = Catalog(MappingProxyType({"arm3": Entry.of_verb(entry.verb, path=entry.path, version=2)}), ())
-            server.call(server.state.set_catalog, newer)
-            assert driver.until("version")["version"] == 2
-            driver.until("pose", lambda row: row["version"] == 2)
-    finally:
-        server.stop()
+    check_a_new_version(all_verbs.entries["arm3"], Driver)
 
 
 def test_a_connection_that_is_cut_is_resumed(proxy):

@@ -103,8 +103,8 @@ export class Overlays {
     const { clientWidth: wide, clientHeight: high } = this.#host;
     if (!main?.count) return;
     const travel = other?.travel ?? 1;
-    const places = travel === 1 ? main.positions : main.positions.map((value) => travel * value);
-    drawn.figure = figureRect(places, rig.camera, wide, high);
+    const positions = travel === 1 ? main.positions : main.positions.map((value) => travel * value);
+    drawn.figure = figureRect(positions, rig.camera, wide, high);
     this.#offscreen = isOffscreen(drawn.figure, wide, high);
   }
 

@@ -94,12 +94,14 @@ test.each([
   const paired = new Mapper(verb, unknown, { joints: pairs });
   expect(paired.scale).toBeCloseTo(named.scale, 9);
   given.values.forEach((values, n) => {
-    const places = [named, paired].map((mapper) => {
+    const positions = [named, paired].map((mapper) => {
       mapper.apply(values, given.phases[n] as number);
       return placesOf(mapper, joints);
     }) as [V[], V[]];
     for (const { target } of paired.rows)
-      expect(length(sub(places[1][target] as V, places[0][target] as V)), joints[target]?.name).toBeLessThan(1e-6);
+      expect(length(sub(positions[1][target] as V, positions[0][target] as V)), joints[target]?.name).toBeLessThan(
+        1e-6,
+      );
   });
 });
 

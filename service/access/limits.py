@@ -105,11 +105,15 @@ class Limits:
         """Whether requests are counted in the memory of this process, for now."""
         return self._shared is None or time.monotonic() < self._shared_again_s
 
+    def count(self, kind: Counted, name: str) -> None:
+        """Count a request in memory, without a coroutine; raises :class:`TooManyRequests`."""
+        for item in self._rates[kind]:
+            self._count(item, kind, name, 1, "requests")
+
     async def request(self, kind: Counted, name: str) -> None:
         """Count a request of a key (its id) or of an address; raises :class:`TooManyRequests`."""
         if self.counts_in_memory:
-            for item in self._rates[kind]:
-                self._count(item, kind, name, 1, "requests")
+            self.count(kind, name)
             return
         for item in self._rates[kind]:
             await self._hit(item, kind, name, 1, "requests")

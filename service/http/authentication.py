@@ -67,8 +67,12 @@ class Authenticate:
         if scope["type"] in ("http", "websocket"):
             try:
                 caller = scope[CALLER] = self._known(scope) or await self._caller(scope)
-                if self._limits is not None and caller.id:
-                    await self._limits.request("key", caller.id)
+                limits = self._limits
+                if limits is not None and caller.id:
+                    if limits.counts_in_memory:
+                        limits.count("key", caller.id)
+                    else:
+                        await limits.request("key", caller.id)
             except ServiceError as err:
                 await refuse(err, scope, receive, send)
                 return
